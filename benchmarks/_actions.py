@@ -21,7 +21,7 @@ from pathlib import Path
 
 import structlog
 
-from ua_fleet.bridge import Execution, ExecutionEnded, Inlet, Skill, SkillTarget
+from ua_fleet.bridge import Driver, DriverStatus, Execution, ExecutionEnded, Inlet, Skill, SkillTarget
 from ua_fleet.bridge.runner import run_bridge
 from ua_fleet.config.schema import FleetConfig, PubSubSecurity
 from ua_fleet.config.security import file_keys_of
@@ -32,6 +32,7 @@ from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.topics import Topic
 from ua_fleet.transport import Address, UdpTransport
 from ua_fleet.values import BuiltinType
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 SPACE = 300
 ACTION, STATUS = Topic(SPACE, 2, 1900), Topic(SPACE, 2, 1901)
@@ -42,7 +43,7 @@ VALUES = (1.5, -2.5, 90.0, "pallet")
 FIELDS = (*(make_field(name, BuiltinType.DOUBLE) for name in "xya"), make_field("tool", BuiltinType.STRING))
 
 
-class Idler:
+class Idler(Driver):
     """A driver whose robot does all at once."""
 
     def __init__(self) -> None:
@@ -51,11 +52,19 @@ class Idler:
         self._bus = Bus()
         self._base = VirtualDriver(SPACE, self._bus)
         self._inlet: Inlet | None = None
-        self.publish, self.status, self.stop = self._base.publish, self._base.status, self._base.stop
 
     async def start(self, inlet: Inlet) -> None:
         self._inlet = inlet
         await self._base.start(inlet)
+
+    def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
+        return self._base.publish(topic, metadata, message)
+
+    def status(self) -> DriverStatus:
+        return self._base.status()
+
+    async def stop(self) -> None:
+        await self._base.stop()
 
     def skills(self) -> Sequence[Skill]:
         return (

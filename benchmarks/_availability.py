@@ -30,7 +30,7 @@ from struct import Struct
 from typing import Any
 
 from benchmarks._actions import quiet_logs
-from ua_fleet.bridge import Execution, ExecutionEnded, Inlet, Skill, SkillTarget
+from ua_fleet.bridge import Driver, DriverStatus, Execution, ExecutionEnded, Inlet, Skill, SkillTarget
 from ua_fleet.bridge.runner import run_bridge
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import file_keys_of
@@ -39,6 +39,7 @@ from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.transport import UdpTransport
 from ua_fleet.values import BuiltinType
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 SPACE = 300
 PRINT, ECHO, STATUS = Topic(SPACE, 2, 1900), Topic(SPACE, 2, 1901), Topic(SPACE, 2, 1902)
@@ -54,7 +55,7 @@ LEAST_PAUSE_S = 0.005
 """Between two requests whose response time is measured."""
 
 
-class Printer:
+class Printer(Driver):
     """A driver whose robot prints a string, or gives it back."""
 
     def __init__(self) -> None:
@@ -64,11 +65,19 @@ class Printer:
         self._inlet: Inlet | None = None
         self._printed = open(os.devnull, "w")  # noqa: SIM115 - as long as the process
         self.told: list[str] = []
-        self.publish, self.status, self.stop = self._base.publish, self._base.status, self._base.stop
 
     async def start(self, inlet: Inlet) -> None:
         self._inlet = inlet
         await self._base.start(inlet)
+
+    def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
+        return self._base.publish(topic, metadata, message)
+
+    def status(self) -> DriverStatus:
+        return self._base.status()
+
+    async def stop(self) -> None:
+        await self._base.stop()
 
     def skills(self) -> Sequence[Skill]:
         target, text = (SkillTarget(TARGET, "robot", STATUS),), (make_field("text", BuiltinType.STRING),)

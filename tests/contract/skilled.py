@@ -152,7 +152,7 @@ class Machine:
 
 
 class SkilledDriver(VirtualDriver):
-    """See SkillDriver."""
+    """See Driver."""
 
     def __init__(self, space: int, bus: Bus, machine: Machine) -> None:
         super().__init__(space, bus)
@@ -173,7 +173,7 @@ class SkilledDriver(VirtualDriver):
         await super().stop()
 
     def skills(self) -> Sequence[Skill]:
-        """See SkillDriver."""
+        """See Driver."""
         targets = (SkillTarget(TARGET, "machine", Topic(self._number, 2, STATUS)),)
         return (
             Skill(
@@ -183,7 +183,7 @@ class SkilledDriver(VirtualDriver):
         )
 
     def execute(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         work, seconds = execution.values
         if work == REFUSED_WORK:
             raise SkillRejected("the machine does not do that")
@@ -195,7 +195,7 @@ class SkilledDriver(VirtualDriver):
         self._follow(job)
 
     def halt(self, execution: Execution) -> None:
-        """See HaltingDriver. Only endless work can be stopped."""
+        """See Driver. Only endless work can be stopped."""
         self._check_endless(execution)
         if self._machine.is_frozen:
             return
@@ -203,13 +203,13 @@ class SkilledDriver(VirtualDriver):
         self._put(ExecutionEnded(execution.execution_id, status, (), "halted"))
 
     def suspend(self, execution: Execution) -> None:
-        """See SuspendingDriver. Only endless work can be suspended."""
+        """See Driver. Only endless work can be suspended."""
         self._check_endless(execution)
         self._machine.stand(execution.execution_id, stands=True)
         self._put(ExecutionSuspended(execution.execution_id, "it stands"))
 
     def resume(self, execution: Execution) -> None:
-        """See SuspendingDriver."""
+        """See Driver."""
         self._check_endless(execution)
         self._machine.stand(execution.execution_id, stands=False)
         self._put(ExecutionResumed(execution.execution_id))
@@ -224,7 +224,7 @@ class SkilledDriver(VirtualDriver):
         self._to.put(fact)
 
     def query(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         assert self._to is not None
         job = self._machine.find(execution.execution_id)
         if job is None:

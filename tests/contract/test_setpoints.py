@@ -1,4 +1,4 @@
-"""The contract of `ua_fleet.bridge.driver.SetpointDriver`: a setpoint is written now, or not at all."""
+"""The contract of a `ua_fleet.bridge.Driver` whose robots are driven by hand: a setpoint is written now, or never."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from contextlib import asynccontextmanager
 
 from tests.contract.harness import DrivenSpace, Recorder
 from tests.waiting import until
-from ua_fleet.bridge import Driver, SetpointDriver
+from ua_fleet.bridge import Driver
 from ua_fleet.counters import Drop
 
 
 @asynccontextmanager
-async def started(driver: Driver) -> AsyncGenerator[tuple[SetpointDriver, Recorder]]:
+async def started(driver: Driver) -> AsyncGenerator[tuple[Driver, Recorder]]:
     recorder = Recorder()
     await driver.start(recorder)
     try:
-        assert isinstance(driver, SetpointDriver)
         yield driver, recorder
     finally:
         await driver.stop()

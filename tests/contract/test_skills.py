@@ -1,4 +1,4 @@
-"""The contract of `ua_fleet.bridge.driver.SkillDriver`, and of HaltingDriver and SuspendingDriver where it is one."""
+"""The contract of a `ua_fleet.bridge.Driver` with skills, and of halting and suspending where it can have that done."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from ua_fleet.bridge import (
     ExecutionResumed,
     ExecutionSuspended,
 )
-from ua_fleet.bridge.driver import SkillDriver, halts_of, skills_of, suspends_of
 from ua_fleet.errors import SkillError
 from ua_fleet.values import Quality, StatusCode, quality_of
 
@@ -35,9 +34,8 @@ class Started:
     """A started driver, and what it has told."""
 
     def __init__(self, driver: Driver, recorder: Recorder) -> None:
-        skilled = skills_of(driver)
-        assert skilled is not None
-        self.driver: SkillDriver = skilled
+        assert driver.has_skills
+        self.driver = driver
         self.recorder = recorder
 
     def execution(self, *values: Any, execution_id: bytes | None = None) -> Execution:
@@ -171,12 +169,11 @@ async def test_what_the_robot_never_heard_of_is_not_done(skilled_space: SkilledS
 
 async def test_what_is_halted_ends(skilled_space: SkilledSpace) -> None:
     async with started(skilled_space) as one:
-        halting = halts_of(one.driver)
-        if halting is None:
+        if not one.driver.can_halt:
             pytest.skip("the driver's robots cannot be stopped")
         execution = one.begin("never ends", 0.0)
         await one.at_it(execution)
-        halting.halt(execution)
+        one.driver.halt(execution)
         ended = await one.end(execution)
         assert isinstance(ended, ExecutionEnded)
         assert ended.status == StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT
@@ -184,19 +181,18 @@ async def test_what_is_halted_ends(skilled_space: SkilledSpace) -> None:
 
 async def test_what_is_suspended_stands_and_goes_on_and_can_be_halted(skilled_space: SkilledSpace) -> None:
     async with started(skilled_space) as one:
-        suspending, halting = suspends_of(one.driver), halts_of(one.driver)
-        if suspending is None or halting is None:
+        if not one.driver.can_suspend or not one.driver.can_halt:
             pytest.skip("the driver's robots cannot stand in the middle of what they do")
         execution = one.begin("never ends", 0.0)
         await one.at_it(execution)
         suspended, resumed = ExecutionSuspended(execution.execution_id), ExecutionResumed(execution.execution_id)
-        suspending.suspend(execution)
+        one.driver.suspend(execution)
         await one.says(execution, suspended)
-        suspending.resume(execution)
+        one.driver.resume(execution)
         await one.says(execution, suspended, resumed)
-        suspending.suspend(execution)
+        one.driver.suspend(execution)
         await one.says(execution, suspended, resumed, suspended)
-        halting.halt(execution)
+        one.driver.halt(execution)
         ended = await one.end(execution)
         assert isinstance(ended, ExecutionEnded)
         assert ended.status == StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT
@@ -204,12 +200,11 @@ async def test_what_is_suspended_stands_and_goes_on_and_can_be_halted(skilled_sp
 
 async def test_driver_that_comes_later_finds_that_the_robot_stands(skilled_space: SkilledSpace) -> None:
     async with started(skilled_space) as one:
-        suspending = suspends_of(one.driver)
-        if suspending is None:
+        if not one.driver.can_suspend:
             pytest.skip("the driver's robots cannot stand in the middle of what they do")
         execution = one.begin("never ends", 0.0)
         await one.at_it(execution)
-        suspending.suspend(execution)
+        one.driver.suspend(execution)
         await one.says(execution, ExecutionSuspended(execution.execution_id))
     async with started(skilled_space) as other:
         other.driver.query(execution)

@@ -104,7 +104,7 @@ class VirtualRobot:
         return list(self._wanted[name])
 
 
-class VirtualDriver:
+class VirtualDriver(Driver):
     """See Driver. Its thread plays the part of a robot library's thread."""
 
     def __init__(self, space: int, bus: Bus) -> None:

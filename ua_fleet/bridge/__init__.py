@@ -5,12 +5,12 @@ A bridge package `ua_bridges.<kind>` has `config.py` (its model of `fleet.yaml`,
 
     def create_driver(config: FleetConfig, bridge_name: str) -> Driver
 
-The rest is here: `run_bridge` runs any driver, `load_driver` finds it. Nothing heavy is imported.
+which is derived from `Driver`. The rest is here: `run_bridge` runs any driver, `load_driver` finds it. Nothing heavy is
+imported.
 """
 
 from ua_fleet.bridge.core import NODE_ONLY, BridgeCore, Rule
 from ua_fleet.bridge.driver import (
-    AnsweringDriver,
     Driver,
     DriverEvent,
     DriverStatus,
@@ -23,20 +23,14 @@ from ua_fleet.bridge.driver import (
     ExecutionProgressed,
     ExecutionResumed,
     ExecutionSuspended,
-    HaltingDriver,
     Inlet,
-    RememberingDriver,
     SampleRead,
-    SetpointDriver,
     Skill,
-    SkillDriver,
     SkillTarget,
     SourceForgotten,
     SourceFound,
     SourceLost,
     SourceRead,
-    StreamingDriver,
-    SuspendingDriver,
 )
 from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.offenders import Offenders
@@ -47,7 +41,6 @@ from ua_fleet.bridge.status import STATUS_FIELDS, status_topic, status_values
 __all__ = [
     "NODE_ONLY",
     "STATUS_FIELDS",
-    "AnsweringDriver",
     "BoundedInlet",
     "BridgeCore",
     "Driver",
@@ -62,22 +55,16 @@ __all__ = [
     "ExecutionProgressed",
     "ExecutionResumed",
     "ExecutionSuspended",
-    "HaltingDriver",
     "Inlet",
     "Offenders",
-    "RememberingDriver",
     "Rule",
     "SampleRead",
-    "SetpointDriver",
     "Skill",
-    "SkillDriver",
     "SkillTarget",
     "SourceForgotten",
     "SourceFound",
     "SourceLost",
     "SourceRead",
-    "StreamingDriver",
-    "SuspendingDriver",
     "load_driver",
     "run_bridge",
     "status_topic",

@@ -18,6 +18,7 @@ from typing import Any, Final
 
 from ua_fleet.bridge.core import BridgeCore, Rule
 from ua_fleet.bridge.driver import (
+    Driver,
     Execution,
     ExecutionEnded,
     ExecutionFact,
@@ -27,9 +28,6 @@ from ua_fleet.bridge.driver import (
     ExecutionResumed,
     ExecutionSuspended,
     Skill,
-    SkillDriver,
-    halts_of,
-    suspends_of,
 )
 from ua_fleet.bridge.skill_status import StatusBoard
 from ua_fleet.bridge.unrecorded import Said, Step, Unrecorded
@@ -91,7 +89,7 @@ class Actions:
         publisher: Publisher,
         counters: Counters,
         *,
-        driver: SkillDriver | None,
+        driver: Driver,
         journal: skill_journal.ResponderJournal,
         requestors: Iterable[int],
         must_be_verified: bool,
@@ -111,7 +109,7 @@ class Actions:
             space: the space that the bridge stands in.
             publisher: announces the Actions.
             counters: where all of the bridge count.
-            driver: the driver, where it has skills.
+            driver: may have no skills.
             journal: of executions; one in memory is enough without skills.
             requestors: spaces that may command this one.
             must_be_verified: whether keys are configured: unsigned requests are dropped then.
@@ -137,8 +135,6 @@ class Actions:
         self._responder = ActionResponder(
             space, journal, counters, allowed_spaces=requestors, must_be_verified=must_be_verified
         )
-        self._halting = None if driver is None else halts_of(driver)
-        self._suspending = None if driver is None else suspends_of(driver)
         self._board = StatusBoard(core, definitions)
         self._changed: list[skill_journal.RecordedExecution] = []
         """What SkillStatus has not said yet: a requestor that waits is answered first."""
@@ -311,7 +307,7 @@ class Actions:
             if self._followed is not None and (named := self._board.names_of(execution.target)) is not None:
                 self._followed(execution, *named)
         deadlines = [self._responder.next_deadline()]
-        if self._driver is not None:
+        if self._driver.has_skills:
             deadlines.append(self._skills_at)
         if self._waiting:
             deadlines.append(self._retry_at)
@@ -328,7 +324,6 @@ class Actions:
 
     def _execute(self, execution: skill_journal.RecordedExecution, now: float) -> None:
         execution_id = execution.execution_id
-        assert self._driver is not None, "a responder without offers accepts nothing"
         if execution.target.action_target_id & CONTROL_BITS:
             self._control(execution, now)
             return
@@ -385,20 +380,18 @@ class Actions:
     def _tell_driver(self, purpose: int, execution: skill_journal.RecordedExecution) -> None:
         """Tell the driver, where the execution is in a state for that; raises SkillError."""
         is_suspended = execution.report.state is ExecutionState.SUSPENDED
-        if purpose == HALT_TARGETS and self._halting is not None:
-            self._halting.halt(_of_driver(execution))
-        elif purpose == SUSPEND_TARGETS and self._suspending is not None:
+        if purpose == HALT_TARGETS:
+            self._driver.halt(_of_driver(execution))
+        elif purpose == SUSPEND_TARGETS:
             if not is_suspended:
-                self._suspending.suspend(_of_driver(execution))
-        elif purpose == RESUME_TARGETS and self._suspending is not None:
-            if not is_suspended:
-                raise SkillRejected("that execution is not suspended")
-            self._suspending.resume(_of_driver(execution))
+                self._driver.suspend(_of_driver(execution))
+        elif is_suspended:
+            self._driver.resume(_of_driver(execution))
         else:
-            raise SkillRejected("the robot has no way to do that")
+            raise SkillRejected("that execution is not suspended")
 
     def _query(self, execution: skill_journal.RecordedExecution, now: float) -> None:
-        if self._driver is None:
+        if not self._driver.has_skills:
             return  # the journal knows a time when there were skills; they may come back
         if purpose := execution.target.action_target_id & CONTROL_BITS:
             said = f"a restart came while it was {_DID[purpose]}; see what became of the execution"
@@ -413,8 +406,6 @@ class Actions:
     def _look_at_skills(self, now: float) -> None:
         """Announce what is new or has changed, and retire what is gone."""
         self._skills_at = now + self._skills_period_s
-        if self._driver is None:
-            return
         skills = {skill.topic: skill for skill in self._driver.skills()}
         if skills == self._skills:
             return
@@ -474,8 +465,8 @@ class Actions:
 
     def _controls(self, skill: Skill) -> dict[int, str]:
         """What can be asked for while an execution of a skill is under way, named, by their targets' bits."""
-        controls = {} if self._halting is None else {HALT_TARGETS: "halt"}
-        if self._suspending is not None and skill.can_suspend:
+        controls = {HALT_TARGETS: "halt"} if self._driver.can_halt else {}
+        if self._driver.can_suspend and skill.can_suspend:
             controls |= {SUSPEND_TARGETS: "suspend", RESUME_TARGETS: "resume"}
         return controls
 

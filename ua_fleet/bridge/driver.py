@@ -1,24 +1,40 @@
-"""The driver protocol: the part of a bridge that talks the robots' own language.
+"""The base class of drivers: the part of a bridge that talks the robots' own language.
 
-A driver tells what it hears through the `Inlet` (from any thread) as the facts below, and is told what to publish
-into its space through `publish`. It knows nothing of datagrams, sequence numbers or the loop rule. A driver whose
-robots can be commanded keeps the `SkillDriver` protocol too.
+A driver tells what it hears through the `Inlet` (from any thread) as facts (`ua_fleet.bridge.facts`), and is told what
+to publish into its space through `publish`. It knows nothing of datagrams, sequence numbers or the loop rule. Four
+methods are its own to write; it overrides others where its robots can do more.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
-from ua_fleet.counters import Drop
+from ua_fleet.bridge.facts import (
+    DriverEvent,
+    Dropped,
+    ExecutionEnded,
+    ExecutionFact,
+    ExecutionForgotten,
+    ExecutionNotBegun,
+    ExecutionProgressed,
+    ExecutionResumed,
+    ExecutionSuspended,
+    SampleRead,
+    SourceForgotten,
+    SourceFound,
+    SourceLost,
+    SourceRead,
+)
+from ua_fleet.errors import SkillRejected
 from ua_fleet.fleet.skills import SkillLimits
 from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldMetaData
 
 __all__ = [
-    "AnsweringDriver",
     "Driver",
     "DriverEvent",
     "DriverStatus",
@@ -31,155 +47,19 @@ __all__ = [
     "ExecutionProgressed",
     "ExecutionResumed",
     "ExecutionSuspended",
-    "HaltingDriver",
     "Inlet",
-    "PackingDriver",
-    "RememberingDriver",
     "SampleRead",
-    "SetpointDriver",
     "Skill",
-    "SkillDriver",
     "SkillTarget",
     "SourceForgotten",
     "SourceFound",
     "SourceLost",
     "SourceRead",
-    "StreamingDriver",
-    "SuspendingDriver",
-    "halts_of",
-    "skills_of",
-    "suspends_of",
 ]
 
-
-@dataclass(frozen=True, slots=True)
-class SourceFound:
-    """A data source of the own space is there (again) and alive; its fields are known.
-
-    Precedes its samples. Said again when the fields change, and when a lost source comes back.
-    """
-
-    topic: Topic
-    name: str
-    """Name for people: the mapped robot's topic, or the UA topic itself."""
-    fields: tuple[FieldMetaData, ...]
-    """The first field carries the properties `RosType` and, from ROS 1, `RosDefinition`."""
-    may_have_period: bool = False
-    """Whether a maximum age is learned from the period of its messages, where none is configured: each of them says
-    what is now, and no late subscriber gets the last one."""
-
-
-@dataclass(frozen=True, slots=True)
-class SourceLost:
-    """The source's own publisher is gone: one Bad_NoCommunication frame follows, then silence."""
-
-    topic: Topic
-
-
-@dataclass(frozen=True, slots=True)
-class SourceForgotten:
-    """A source that was lost is not looked for any more, and nothing of it is kept. SourceFound makes it anew."""
-
-    topic: Topic
-
-
-class SampleRead(NamedTuple):
-    """One message of a source. `values` are in the order of the fields of its SourceFound."""
-
-    topic: Topic
-    values: tuple[Any, ...]
-    source_time_ns: int
-    """The robot's time of the message, ns since 1970."""
-    status: int = 0
-    own_publication: bool = False
-    """Whether this bridge itself had published it into the space."""
-    waited_s: float = 0.0
-    """How long it had waited for the driver's callback, where the driver can tell."""
-
-
-@dataclass(frozen=True, slots=True)
-class SourceRead:
-    """A polled source was read, and says what its last SampleRead said: that value is of now.
-
-    Only sources with a maximum age need it (`ConfiguredData.is_aging`).
-    """
-
-    topic: Topic
-    source_time_ns: int
-    """When it was read, ns since 1970."""
-
-
-@dataclass(frozen=True, slots=True)
-class Dropped:
-    """The driver could not hand on `count` messages."""
-
-    cause: Drop
-    count: int = 1
-    detail: str = ""
-
-
-class ExecutionProgressed(NamedTuple):
-    """How far a robot is with an execution. Also the answer to `query` where it works on it."""
-
-    execution_id: bytes
-    progress: float = 0.0
-    """0 to 1."""
-    message: str = ""
-    """One line for people."""
-
-
-class ExecutionSuspended(NamedTuple):
-    """A robot stands in the middle of an execution. Also the answer to `query` where it does."""
-
-    execution_id: bytes
-    message: str = ""
-    """One line for people."""
-
-
-class ExecutionResumed(NamedTuple):
-    """A robot that stood goes on with an execution."""
-
-    execution_id: bytes
-
-
-class ExecutionEnded(NamedTuple):
-    """An execution is over. Said once, by whatever means the robot tells; also the answer to `query` where it is."""
-
-    execution_id: bytes
-    status: int = 0
-    """StatusCode; 0 where the robot did what was asked."""
-    values: tuple[Any, ...] = ()
-    """The response's fields; empty where the robot failed, or with an Uncertain status where they are not known."""
-    message: str = ""
-    """One line for people: why it failed."""
-
-
-class ExecutionForgotten(NamedTuple):
-    """The answer to `query` where the robot cannot tell what became of an execution."""
-
-    execution_id: bytes
-    message: str = ""
-    """One line for people: why it cannot."""
-
-
-class ExecutionNotBegun(NamedTuple):
-    """The answer to `query` where the robot knows for sure that it never heard of an execution.
-
-    It is begun then, if it is not too late. Only a robot that forgets nothing may be said to know that.
-    """
-
-    execution_id: bytes
-
-
-ExecutionFact = (
-    ExecutionProgressed
-    | ExecutionSuspended
-    | ExecutionResumed
-    | ExecutionEnded
-    | ExecutionForgotten
-    | ExecutionNotBegun
-)
-DriverEvent = SourceFound | SourceLost | SourceForgotten | SampleRead | SourceRead | Dropped | ExecutionFact
+_CANNOT: Final = "the robot has no way to do that"
+_TOGETHER: Final = (("skills", "execute", "query"), ("suspend", "resume"), ("setpoint_problem", "write_setpoint"))
+"""Methods of which a driver overrides all or none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,101 +93,6 @@ class Inlet(Protocol):
         ...
 
 
-class Driver(Protocol):
-    """Four methods; all but the inlet's `put` run in the bridge's event loop and must not block it."""
-
-    async def start(self, inlet: Inlet) -> None:
-        """Begin to watch the space. Returns once the driver works by itself, connected or not.
-
-        A space that is absent (a ROS master that is not up) is not an error: the driver keeps trying and says so in
-        `status`.
-
-        Raises:
-            BridgeUnavailable: a library that the driver needs is missing.
-        """
-        ...
-
-    def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
-        """Publish another space's message into this space; False, after an inlet Dropped, when that is not possible.
-
-        Raises:
-            FieldMissing: the message lacks a field that `fleet.yaml` gives its DataSet; the bridge counts it. See
-                `ConfiguredData.order`, by which all drivers match fields.
-        """
-        ...
-
-    def status(self) -> DriverStatus:
-        """The state of the link now."""
-        ...
-
-    async def stop(self) -> None:
-        """Leave the space and release everything. Safe to call twice."""
-        ...
-
-
-@runtime_checkable
-class StreamingDriver(Protocol):
-    """What a driver has beside `Driver` where it reads some of its data only while somebody follows it."""
-
-    def want(self, wanted: frozenset[Topic]) -> None:
-        """The sources that somebody follows from now on; the others are to rest. Runs in the bridge's event loop.
-
-        Called after `start`, when it changes; with none when the server is not heard any more.
-        """
-        ...
-
-
-@runtime_checkable
-class AnsweringDriver(Protocol):
-    """What a driver has beside `Driver` where its robots ask for values of other spaces, which must be of now then."""
-
-    def stale(self, topic: Topic, is_stale: bool) -> None:
-        """The value that was published last is not of now (its source is Bad, or silent), or is so again.
-
-        Runs in the bridge's event loop. What is published is of now, and is not told here.
-        """
-        ...
-
-
-@runtime_checkable
-class PackingDriver(Protocol):
-    """What a driver has beside `Driver` where it can take long arrays as views: see `ua_fleet.wire.packed`."""
-
-    takes_packed_arrays: bool
-    """Whether it does."""
-
-
-@runtime_checkable
-class RememberingDriver(Protocol):
-    """What a driver has beside `Driver` where it keeps files: certificates, or what must survive a restart."""
-
-    def remember_in(self, folder: Path) -> None:
-        """Told the bridge's `state_dir` before `start`. The folder need not exist."""
-        ...
-
-
-@runtime_checkable
-class SetpointDriver(Protocol):
-    """What a driver has beside `Driver` where robots of its space can be driven by hand (docs/teleoperation.md).
-
-    Both run in the bridge's event loop and must not block it. `topic` is the data that takes the setpoints.
-    """
-
-    def setpoint_problem(self, topic: Topic) -> str:
-        """Why nothing that is written now reaches the robot, in a line for people; empty where it does.
-
-        Asked before a lease is granted, and each 50 ms while one is held: the lease ends with a problem.
-        """
-        ...
-
-    def write_setpoint(self, topic: Topic, values: tuple[float, ...]) -> None:
-        """Write a setpoint to the robot now, or not at all: none may wait for anything. `values` are by field.
-
-        Called each period while the robot is driven, and until it stands.
-        """
-        ...
-
-
 class SkillTarget(NamedTuple):
     """A robot that has a skill."""
 
@@ -334,7 +119,7 @@ class Skill:
     is_immediate: bool = False
     """Whether the ActionResponse waits for the end, which comes within the request's TimeoutHint."""
     can_suspend: bool = True
-    """Whether robots can stand in the middle of it and go on, where the driver is a SuspendingDriver."""
+    """Whether robots can stand in the middle of it and go on, where the driver can have them do so (`suspend`)."""
     limits: SkillLimits = field(default_factory=SkillLimits)
     """What each target takes at most; more is refused."""
     problem: Callable[[tuple[Any, ...]], str | None] | None = field(default=None, compare=False)
@@ -355,17 +140,78 @@ class Execution(NamedTuple):
     """How long the requestor waits, where it says so."""
 
 
-@runtime_checkable
-class SkillDriver(Protocol):
-    """What a driver has beside `Driver` where robots of its space can be commanded.
+class Driver(ABC):
+    """What every bridge has; all but the inlet's `put` runs in the bridge's event loop and must not block it.
 
-    All of it runs in the bridge's event loop and must not block it. The bridge has recorded an execution before it
-    calls `execute`, and calls that once for each id, whatever is repeated on the network.
+    `start`, `publish`, `status` and `stop` have no default. The others have: a driver that overrides none of them has
+    robots that cannot be commanded, are not driven by hand, and keep no files. What is overridden is what the bridge
+    offers, so nothing else has to be declared.
     """
+
+    takes_packed_arrays: ClassVar[bool] = False
+    """Whether it takes long arrays as views: see `ua_fleet.wire.packed`."""
+
+    @abstractmethod
+    async def start(self, inlet: Inlet) -> None:
+        """Begin to watch the space. Returns once the driver works by itself, connected or not.
+
+        A space that is absent (a ROS master that is not up) is not an error: the driver keeps trying and says so in
+        `status`.
+
+        Raises:
+            BridgeUnavailable: a library that the driver needs is missing.
+        """
+
+    @abstractmethod
+    def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
+        """Publish another space's message into this space; False, after an inlet Dropped, when that is not possible.
+
+        Raises:
+            FieldMissing: the message lacks a field that `fleet.yaml` gives its DataSet; the bridge counts it. See
+                `ConfiguredData.order`, by which all drivers match fields.
+        """
+
+    @abstractmethod
+    def status(self) -> DriverStatus:
+        """The state of the link now."""
+
+    @abstractmethod
+    async def stop(self) -> None:
+        """Leave the space and release everything. Safe to call twice."""
+
+    # What it is told. The default does nothing with it, on purpose.
+
+    def remember_in(self, folder: Path) -> None:  # noqa: B027 - see above
+        """Where it keeps files: certificates, or what must survive a restart.
+
+        Told the bridge's `state_dir` before `start`. The folder need not exist.
+        """
+
+    def want(self, wanted: frozenset[Topic]) -> None:  # noqa: B027 - see above
+        """The sources that somebody follows from now on; the others are to rest.
+
+        For a driver that reads some of its data only while somebody follows it. Called after `start`, when it changes;
+        with none when the server is not heard any more.
+        """
+
+    def stale(self, topic: Topic, is_stale: bool) -> None:  # noqa: B027 - see above
+        """The value that was published last is not of now (its source is Bad, or silent), or is so again.
+
+        For a driver whose robots ask for values of other spaces, which must be of now then. What is published is of
+        now, and is not told here.
+        """
+
+    # Skills. The bridge has recorded an execution before it calls `execute`, and calls that once for each id, whatever
+    # is repeated on the network.
+
+    @property
+    def has_skills(self) -> bool:
+        """Whether robots of its space can be commanded: it has `skills`, `execute` and `query` of its own."""
+        return type(self).execute is not Driver.execute
 
     def skills(self) -> Sequence[Skill]:
         """What there is to command. Asked after `start`, and each second from then on."""
-        ...
+        return ()
 
     def execute(self, execution: Execution) -> None:
         """Begin an execution. ExecutionEnded follows through the inlet in any case, also where the robot refuses.
@@ -374,7 +220,7 @@ class SkillDriver(Protocol):
             SkillError: nothing was begun, and nothing will be; the requestor is told the StatusCode and the text.
                 RobotBusy where the robot is at something else: it is asked again.
         """
-        ...
+        raise SkillRejected(_CANNOT)
 
     def query(self, execution: Execution) -> None:
         """Find out what became of an execution that a bridge before us may have begun.
@@ -382,12 +228,12 @@ class SkillDriver(Protocol):
         One of the facts about it follows through the inlet, as soon as the robot can be asked: it goes on, it has
         ended, the robot cannot tell, or it was never begun.
         """
-        ...
+        raise SkillRejected(_CANNOT)
 
-
-@runtime_checkable
-class HaltingDriver(SkillDriver, Protocol):
-    """A SkillDriver whose robots can be stopped in what they do."""
+    @property
+    def can_halt(self) -> bool:
+        """Whether robots can be stopped in what they do: it has `halt` of its own."""
+        return type(self).halt is not Driver.halt
 
     def halt(self, execution: Execution) -> None:
         """Have a robot stop an execution that was begun and has not ended, as far as the bridge knows.
@@ -398,15 +244,15 @@ class HaltingDriver(SkillDriver, Protocol):
         Raises:
             SkillError: it cannot be stopped, and goes on; the requestor is told the StatusCode and the text.
         """
-        ...
+        raise SkillRejected(_CANNOT)
 
+    @property
+    def can_suspend(self) -> bool:
+        """Whether robots can stand in the middle of what they do, and go on: it has `suspend` and `resume`.
 
-@runtime_checkable
-class SuspendingDriver(SkillDriver, Protocol):
-    """A SkillDriver whose robots can stand in the middle of what they do, and go on.
-
-    Both are asked for by people, and may be asked for again before the robot has done them.
-    """
+        Both are asked for by people, and may be asked for again before the robot has done them.
+        """
+        return type(self).suspend is not Driver.suspend
 
     def suspend(self, execution: Execution) -> None:
         """Have a robot stand in the middle of an execution that has not ended, as far as the bridge knows.
@@ -416,7 +262,7 @@ class SuspendingDriver(SkillDriver, Protocol):
         Raises:
             SkillError: it cannot stand there, and goes on; the requestor is told the StatusCode and the text.
         """
-        ...
+        raise SkillRejected(_CANNOT)
 
     def resume(self, execution: Execution) -> None:
         """Have a robot go on; ExecutionResumed follows through the inlet once it does.
@@ -424,19 +270,32 @@ class SuspendingDriver(SkillDriver, Protocol):
         Raises:
             SkillError: it cannot go on, and stands; the requestor is told the StatusCode and the text.
         """
-        ...
+        raise SkillRejected(_CANNOT)
 
+    # Driving by hand (docs/teleoperation.md). `topic` is the data that takes the setpoints.
 
-def suspends_of(driver: SkillDriver) -> SuspendingDriver | None:
-    """The driver where its robots can stand and go on."""
-    return driver if isinstance(driver, SuspendingDriver) else None
+    def setpoint_problem(self, topic: Topic) -> str:
+        """Why nothing that is written now reaches the robot, in a line for people; empty where it does.
 
+        Asked before a lease is granted, and each 50 ms while one is held: the lease ends with a problem.
+        """
+        return "its driver has no way to write setpoints"
 
-def halts_of(driver: SkillDriver) -> HaltingDriver | None:
-    """The driver where its robots can be stopped."""
-    return driver if isinstance(driver, HaltingDriver) else None
+    def write_setpoint(self, topic: Topic, values: tuple[float, ...]) -> None:
+        """Write a setpoint to the robot now, or not at all: none may wait for anything. `values` are by field.
 
+        Called each period while the robot is driven, and until it stands.
+        """
+        raise NotImplementedError
 
-def skills_of(driver: object) -> SkillDriver | None:
-    """The driver where its robots can be commanded."""
-    return driver if isinstance(driver, SkillDriver) else None
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        """Refuse a driver that does a thing by halves.
+
+        Raises:
+            TypeError: of methods that belong together, it has only some.
+        """
+        super().__init_subclass__(**kwargs)
+        for together in _TOGETHER:
+            missing = [name for name in together if getattr(cls, name) is getattr(Driver, name)]
+            if missing and len(missing) < len(together):
+                raise TypeError(f"{cls.__name__} has no {' and no '.join(missing)}; write all of {', '.join(together)}")

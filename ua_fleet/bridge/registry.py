@@ -22,10 +22,14 @@ def load_driver(config: FleetConfig, bridge_name: str) -> Driver:
     """Make the driver of a configured bridge; only here is the package with its libraries imported.
 
     Raises:
-        BridgeUnavailable: no such kind of bridge, or a library that it needs is missing.
+        BridgeUnavailable: no such kind of bridge, a library that it needs is missing, or what it makes is no Driver.
     """
-    create: Callable[[FleetConfig, str], Driver] = _part(config, bridge_name, "driver").create_driver
-    return create(config, bridge_name)
+    create: Callable[[FleetConfig, str], object] = _part(config, bridge_name, "driver").create_driver
+    driver = create(config, bridge_name)
+    if not isinstance(driver, Driver):
+        made = f"{type(driver).__module__}.{type(driver).__qualname__}"
+        raise BridgeUnavailable(f"bridge {bridge_name}: {made} is no Driver; derive it from ua_fleet.bridge.Driver")
+    return driver
 
 
 def topics_of(config: FleetConfig, bridge_name: str, within_s: float) -> list[TopicSeen]:

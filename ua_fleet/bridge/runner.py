@@ -22,17 +22,11 @@ from ua_fleet.bridge.actions import Actions
 from ua_fleet.bridge.configured import every_data_set
 from ua_fleet.bridge.core import BridgeCore, Rule
 from ua_fleet.bridge.driver import (
-    AnsweringDriver,
     Driver,
     DriverEvent,
     Dropped,
-    PackingDriver,
-    RememberingDriver,
     SampleRead,
-    SetpointDriver,
     SourceFound,
-    StreamingDriver,
-    skills_of,
 )
 from ua_fleet.bridge.execution_log import ExecutionLog
 from ua_fleet.bridge.figures import BridgeFigures
@@ -106,7 +100,7 @@ class _Shell:
         self._status_topic = status_topic(config, self._bridge)
         self.counters = Counters()
         timing, space = config.pubsub.timing(), self._bridge.space
-        codec = Codec(packed_arrays=isinstance(driver, PackingDriver) and driver.takes_packed_arrays)
+        codec = Codec(packed_arrays=driver.takes_packed_arrays)
         self.envelope = envelope_of(config, space, self.counters, state_dir)
         self.keys = KeysKept()
         max_ages = max_ages_of(config)
@@ -152,16 +146,15 @@ class _Shell:
             max_ages=max_ages,
         )
         self._core.caught, self._core.dropped = mistakes.caught, self._from_space
-        if isinstance(driver, StreamingDriver) and self._status_topic is not None:
+        if self._status_topic is not None:
             namespaces = {topic.id: topic.ns for _, _, topic, _ in every_data_set(config) if topic.space == space}
             self._core.wants = Wants(wanted_topic(self._status_topic), space, driver.want, namespaces)
-        if isinstance(driver, AnsweringDriver):
-            self._core.stale = driver.stale
+        self._core.stale = driver.stale
         self._actions = self._core.actions = Actions(
             space,
             publisher,
             self.counters,
-            driver=skills_of(driver),
+            driver=driver,
             journal=journal,
             requestors=self._bridge.requestors,
             must_be_verified=self.envelope.mode is not SecurityMode.NONE,
@@ -213,15 +206,14 @@ class _Shell:
 
     def _driven(self, config: FleetConfig, state_dir: Path, publisher: Publisher) -> BridgeTeleoperation | None:
         """The robots that are driven by hand; None where there are none."""
-        models, driver = teleoperations(config, self._name), self._driver
-        if not models or not isinstance(driver, SetpointDriver):
+        if not (models := teleoperations(config, self._name)):
             return None
         self._core.teleoperation = driven = BridgeTeleoperation(
             self._bridge.space,
             models,
             publisher,
             self.counters,
-            driver=driver,
+            driver=self._driver,
             core=self._core,
             next_number=LeaseNumbers(state_dir).next,
             requestors=self._bridge.requestors,
@@ -395,7 +387,7 @@ async def run_bridge(
     keys = keys_needed(config, keys)
     async with AsyncExitStack() as cleanup:
         cleanup.enter_context(process_lock(state_dir / f"{bridge_name}.lock", f"bridge {bridge_name}"))
-        if journal is None and skills_of(driver) is not None:
+        if journal is None and driver.has_skills:
             journal = cleanup.enter_context(SqliteJournal(state_dir / JOURNAL))
         mistakes = monitor.mistakes if monitor is not None else Mistakes()
         shell = _Shell(
@@ -417,8 +409,7 @@ async def run_bridge(
                             lambda: f"it waits for its keys: {shell.keys.problem() or 'they were asked for'}"
                         )
                     await shell.wait_for_own_key()
-                if isinstance(driver, RememberingDriver):
-                    driver.remember_in(state_dir)
+                driver.remember_in(state_dir)
                 await driver.start(shell.inlet)
                 await transport.start(shell.receive)
                 shell.begin()

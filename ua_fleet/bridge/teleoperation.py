@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 from ua_fleet.bridge.core import BridgeCore
-from ua_fleet.bridge.driver import SetpointDriver, SourceFound
+from ua_fleet.bridge.driver import Driver, SourceFound
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LeaseRefused, StorageUnavailable
 from ua_fleet.pubsub.events import ActionReceived, SetpointReceived
@@ -71,7 +71,7 @@ class BridgeTeleoperation:
         publisher: Publisher,
         counters: Counters,
         *,
-        driver: SetpointDriver,
+        driver: Driver,
         core: BridgeCore,
         next_number: Callable[[], int],
         requestors: Iterable[int],

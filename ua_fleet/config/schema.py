@@ -286,7 +286,7 @@ class BridgeConfig(Model, frozen=True):
     sink_mapping: ClassVar[type[DataMapping] | None] = None
     """Model of `sink` in the data of such a robot; None where bridges of this kind write nothing by configuration."""
     takes_setpoints: ClassVar[bool] = False
-    """Whether such robots can be driven by hand: the driver is a SetpointDriver."""
+    """Whether such robots can be driven by hand: the driver has `write_setpoint`."""
 
     @field_validator("space")
     @classmethod

@@ -23,7 +23,7 @@ from ua_bridges.modbus.memory import HandshakeMemory
 from ua_bridges.modbus.sinks import sink_specs
 from ua_bridges.modbus.sources import source_specs
 from ua_fleet.bridge.configured import ConfiguredSkill, configured_skills
-from ua_fleet.bridge.driver import DriverStatus, Dropped, Execution, Inlet, Skill
+from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Execution, Inlet, Skill
 from ua_fleet.bridge.executing import Executing
 from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.config.schema import FleetConfig
@@ -46,8 +46,8 @@ _LISTED: Final = 3
 """Devices that are away and are named in the status."""
 
 
-class ModbusDriver:
-    """See HaltingDriver and RememberingDriver in `ua_fleet.bridge.driver`."""
+class ModbusDriver(Driver):
+    """See `ua_fleet.bridge.driver.Driver`."""
 
     def __init__(self, config: FleetConfig, bridge_name: str) -> None:
         """Make a driver of a bridge in a configuration that was checked."""
@@ -70,7 +70,7 @@ class ModbusDriver:
         self._failure = ""
 
     def remember_in(self, folder: Path) -> None:
-        """See RememberingDriver."""
+        """See Driver."""
         self._folder = folder
 
     # The bridge's event loop
@@ -148,11 +148,11 @@ class ModbusDriver:
         self._devices, self._loop, self._stop = {}, None, None
 
     def skills(self) -> Sequence[Skill]:
-        """See SkillDriver."""
+        """See Driver."""
         return self._offers
 
     def execute(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         registers = self._skills[execution.topic]
         name, device = self._place(registers)
         if not device.is_there:
@@ -168,7 +168,7 @@ class ModbusDriver:
         self._call(device.wake)
 
     def query(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         registers = self._skills[execution.topic]
         name, device = self._place(registers)
         self._taken.setdefault(name, execution.execution_id)
@@ -176,7 +176,7 @@ class ModbusDriver:
         self._call(device.wake)
 
     def halt(self, execution: Execution) -> None:
-        """See HaltingDriver."""
+        """See Driver."""
         registers = self._skills[execution.topic]
         check_can_halt(registers)
         name, device = self._place(registers)

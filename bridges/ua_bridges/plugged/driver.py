@@ -74,8 +74,8 @@ class _Device:
         return f"{self.name}: {said or f'plugged in at {self.facts.place}'}"
 
 
-class PluggedDriver:
-    """See HaltingDriver and StreamingDriver in `ua_fleet.bridge.driver`."""
+class PluggedDriver(Driver):
+    """See `ua_fleet.bridge.driver.Driver`."""
 
     def __init__(self, config: FleetConfig, bridge_name: str) -> None:
         bridge = config.bridges[bridge_name]
@@ -287,7 +287,7 @@ class PluggedDriver:
     # What is wanted and asked
 
     def want(self, wanted: frozenset[Topic]) -> None:
-        """See StreamingDriver."""
+        """See Driver."""
         now = time.monotonic()
         for topic, sensor in self._sensors.items():
             sensor.want(topic in wanted, now)
@@ -331,11 +331,11 @@ class PluggedDriver:
     # Skills
 
     def skills(self) -> Sequence[Skill]:
-        """See SkillDriver."""
+        """See Driver."""
         return self._offers
 
     def execute(self, execution: Execution) -> None:
-        """See SkillDriver. What is asked before the devices can have been found waits for its device a little."""
+        """See Driver. What is asked before the devices can have been found waits for its device a little."""
         assert self._executing is not None
         skill, now = self._skills[execution.topic], time.monotonic()
         if now < self._appears_by and not self._is_ready(skill):
@@ -426,7 +426,7 @@ class PluggedDriver:
         bus.call(method_of(call, types, execution.values, skill.config.timeout_s), done)
 
     def query(self, execution: Execution) -> None:
-        """See SkillDriver: devices remember nothing that could be asked for, but a reading may be begun anew."""
+        """See Driver: devices remember nothing that could be asked for, but a reading may be begun anew."""
         assert self._executing is not None
         skill = self._skills[execution.topic]
         self._executing.begin(skill, execution, time.monotonic())
@@ -436,7 +436,7 @@ class PluggedDriver:
             self._executing.forget(execution.execution_id, "the device cannot be asked; see what it did")
 
     def halt(self, execution: Execution) -> None:
-        """See HaltingDriver."""
+        """See Driver."""
         assert self._executing is not None
         via = self._skills[execution.topic].via
         assert via is not None

@@ -137,7 +137,7 @@ class Outlets:
                     sink.outlet.remember(sink.order.arranged(metadata, values))
 
     def setpoint_problem(self, topic: Topic) -> str:
-        """See SetpointDriver."""
+        """See Driver."""
         for sink in self._sinks.get(topic, ()):
             if isinstance(sink.outlet, Dropped):
                 return sink.outlet.detail
@@ -146,7 +146,7 @@ class Outlets:
         return ""
 
     def write_setpoint(self, topic: Topic, values: _Values) -> None:
-        """See SetpointDriver."""
+        """See Driver."""
         for sink in self._sinks.get(topic, ()):
             if isinstance(sink.outlet, Dropped):
                 self._inlet.put(sink.outlet)

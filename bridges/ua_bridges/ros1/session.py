@@ -19,7 +19,7 @@ from ua_bridges.ros1.outlet import Outlet
 from ua_bridges.ros1.outlets import Outlets, absolute
 from ua_bridges.ros1.watch import Watch
 from ua_fleet.bridge.configured import configured_sinks, configured_sources
-from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
+from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Inlet
 from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.config.schema import FleetConfig, TopicMapping
 from ua_fleet.config.teleoperation import teleoperations
@@ -30,7 +30,7 @@ from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 __all__ = ["Ros1Driver"]
 
 
-class Ros1Driver:
+class Ros1Driver(Driver):
     """See `ua_fleet.bridge.driver.Driver`."""
 
     takes_packed_arrays = True
@@ -98,13 +98,13 @@ class Ros1Driver:
         return self._outlets.publish(topic, metadata, message)
 
     def setpoint_problem(self, topic: Topic) -> str:
-        """See SetpointDriver."""
+        """See Driver."""
         if self._node is None or self._outlets is None or self._watch is None or self._watch.is_evicted:
             return f"the bridge is not in ROS: {self.status().detail}"
         return self._outlets.setpoint_problem(topic)
 
     def write_setpoint(self, topic: Topic, values: tuple[float, ...]) -> None:
-        """See SetpointDriver."""
+        """See Driver."""
         if self._node is not None and self._outlets is not None:
             self._outlets.write_setpoint(topic, values)
 

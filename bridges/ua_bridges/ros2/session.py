@@ -27,7 +27,7 @@ from ua_bridges.ros2.qos import MIRROR, sink_qos
 from ua_bridges.ros2.thread import NodeThread
 from ua_bridges.ros2.watch import Listener, Watch, absolute
 from ua_fleet.bridge.configured import ConfiguredData, configured_sinks, configured_sources
-from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
+from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Inlet
 from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.bridge.rate import RateGate
 from ua_fleet.config.nodes import max_ages_of
@@ -68,7 +68,7 @@ class _Route:
         """Whether anything has been published on it."""
 
 
-class Ros2Driver:
+class Ros2Driver(Driver):
     """See `ua_fleet.bridge.driver.Driver`."""
 
     takes_packed_arrays = True
@@ -160,7 +160,7 @@ class Ros2Driver:
         return self._publish(route, topic, message)
 
     def setpoint_problem(self, topic: Topic) -> str:
-        """See SetpointDriver."""
+        """See Driver."""
         if not self._thread.running:
             return f"the bridge is not in ROS: {self.status().detail}"
         outlets = [sink.outlet for sink in self._sinks.get(topic, ())]
@@ -169,7 +169,7 @@ class Ros2Driver:
         return "" if outlets[0].listeners else f"{outlets[0].name} has no subscriber in ROS"
 
     def write_setpoint(self, topic: Topic, values: tuple[float, ...]) -> None:
-        """See SetpointDriver."""
+        """See Driver."""
         for sink in self._sinks.get(topic, ()):
             try:
                 is_written = self._thread.running and sink.outlet.write(sink.make, values)

@@ -36,8 +36,8 @@ def _is_sent_direct(data: RobotData) -> bool:
     return data.side.direct is not None
 
 
-class TcpDriver:
-    """See HaltingDriver in `ua_fleet.bridge.driver`."""
+class TcpDriver(Driver):
+    """See `ua_fleet.bridge.driver.Driver`."""
 
     def __init__(self, config: FleetConfig, bridge_name: str) -> None:
         bridge = config.bridges[bridge_name]
@@ -105,7 +105,7 @@ class TcpDriver:
         return done
 
     def stale(self, topic: Topic, is_stale: bool) -> None:
-        """See AnsweringDriver."""
+        """See Driver."""
         if (name := self._answers.get(topic)) is not None:
             self._known[name] = None if is_stale else self._last[name]
 
@@ -128,7 +128,7 @@ class TcpDriver:
     # Skills
 
     def skills(self) -> Sequence[Skill]:
-        """See SkillDriver."""
+        """See Driver."""
         return self._offers
 
     def _session(self, skill: TcpSkill) -> DirectSession | InterpreterSession:
@@ -137,19 +137,19 @@ class TcpDriver:
         return session
 
     def execute(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         skill = self._skills[execution.topic]
         self._session(skill).execute(skill, execution, time.monotonic())
         self._look()
 
     def query(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         skill = self._skills[execution.topic]
         self._session(skill).query(skill, execution, time.monotonic())
         self._look()
 
     def halt(self, execution: Execution) -> None:
-        """See HaltingDriver."""
+        """See Driver."""
         self._session(self._skills[execution.topic]).halt(execution, time.monotonic())
 
     def _look(self) -> None:

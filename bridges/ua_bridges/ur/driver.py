@@ -45,8 +45,8 @@ _IDLE_S: Final = 0.25
 _log = structlog.get_logger(__name__)
 
 
-class UrDriver:
-    """See HaltingDriver in `ua_fleet.bridge.driver`.
+class UrDriver(Driver):
+    """See `ua_fleet.bridge.driver.Driver`.
 
     Two threads: the watcher reads the state (see `watching`), the commander does one thing after the other, and follows
     the executions that are under way. Both use ur-rtde in children, with limits.
@@ -135,7 +135,7 @@ class UrDriver:
         return True
 
     def setpoint_problem(self, topic: Topic) -> str:
-        """See SetpointDriver."""
+        """See Driver."""
         state = self._state
         if state is None:
             return self.status().detail
@@ -146,7 +146,7 @@ class UrDriver:
         return problem
 
     def write_setpoint(self, topic: Topic, values: tuple[float, ...]) -> None:
-        """See SetpointDriver."""
+        """See Driver."""
         speeding = self._speeds[topic]
         if speeding.write(values):
             self._jobs.put(lambda: speeding.send(self._link))
@@ -173,7 +173,7 @@ class UrDriver:
             await asyncio.to_thread(thread.join)
 
     def skills(self) -> Sequence[Skill]:
-        """See SkillDriver."""
+        """See Driver."""
         return self._offers
 
     def _task_of(self, execution: Execution) -> RobotTask:
@@ -182,7 +182,7 @@ class UrDriver:
         return make_task(skill, execution.values, self._config.first_register, mark)
 
     def execute(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         task, state = self._task_of(execution), self._state
         if state is None:
             raise RobotOffline(self.status().detail)
@@ -198,13 +198,13 @@ class UrDriver:
         self._jobs.put(lambda: self._begin(execution, task))
 
     def query(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         task = self._task_of(execution)
         self._claims[execution.execution_id] = task
         self._jobs.put(lambda: self._ask(execution, task))
 
     def halt(self, execution: Execution) -> None:
-        """See HaltingDriver."""
+        """See Driver."""
         task, state = self._claims.get(execution.execution_id), self._state
         if state is None:
             raise RobotOffline(self.status().detail)

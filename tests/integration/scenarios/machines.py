@@ -48,14 +48,14 @@ class RobotDriver(SkilledDriver):
         self._skill, self._status = declared.skills["work"].id, declared.skill_status_id
 
     def skills(self) -> Sequence[Skill]:
-        """See SkillDriver."""
+        """See Driver."""
         assert self._skill is not None
         assert self._status is not None
         targets = (SkillTarget(TARGET, self._robot, Topic(self._space, 2, self._status)),)
         return (Skill(Topic(self._space, 2, self._skill), "work", targets, FIELDS, RESULTS),)
 
     def query(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         assert self._to is not None
         if self._machine.find(execution.execution_id) is None and not self._machine.is_forgetful:
             self._to.put(ExecutionNotBegun(execution.execution_id))

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import structlog
 
-from ua_fleet.bridge import DriverStatus, Inlet, SampleRead, SourceFound, run_bridge
+from ua_fleet.bridge import Driver, DriverStatus, Inlet, SampleRead, SourceFound, run_bridge
 from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import UaFleetError
@@ -33,7 +33,7 @@ FIRST_SPACE = 300
 """The source of this space has the id 1, that of the next one 2, and so on."""
 
 
-class CountingDriver:
+class CountingDriver(Driver):
     """A space with one source."""
 
     def __init__(self, space: int) -> None:

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from tests.integration.server_model.harness import Running, serving, until
 from tests.integration.teleoperation.conftest import CARRIER
-from ua_fleet.bridge import DriverStatus, Execution, ExecutionEnded, Inlet, Skill, SkillTarget, run_bridge
+from ua_fleet.bridge import Driver, DriverStatus, Execution, ExecutionEnded, Inlet, Skill, SkillTarget, run_bridge
 from ua_fleet.config.load import load_content
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.pubsub.metadata import make_field
@@ -45,7 +45,7 @@ def fleet(url: str, port: int) -> FleetConfig:
     return load_content(json.dumps(raw).encode(), "fleet.json", {})
 
 
-class Carrier:
+class Carrier(Driver):
     """A driver whose robot is the test."""
 
     def __init__(self) -> None:

@@ -12,6 +12,7 @@ from structlog.testing import capture_logs
 
 from ua_fleet.bridge import (
     STATUS_FIELDS,
+    Driver,
     DriverStatus,
     Dropped,
     Inlet,
@@ -71,7 +72,7 @@ class Line:
         self.closed += 1
 
 
-class Robot:
+class Robot(Driver):
     """A driver whose robot is the test."""
 
     def __init__(self, error: Exception | None = None) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -11,7 +11,7 @@ from ua_bridges.ros.ports.program import ProgramPort
 from ua_bridges.ros.ports.skills import MakePort, RobotSkills
 from ua_bridges.ros.ports.topic import TopicPort
 from ua_bridges.ros.skills import ActionSkill, ServiceSkill, SkillSpec, TopicSkill
-from ua_fleet.bridge.driver import DriverEvent, Execution, Skill
+from ua_fleet.bridge.driver import Driver, DriverEvent, Execution, Skill
 from ua_fleet.bridge.executing import Executing
 
 __all__ = ["SkilledDriver", "port_maker"]
@@ -39,8 +39,8 @@ def port_maker(
     return make_port
 
 
-class SkilledDriver(ABC):
-    """The event loop's side of skills. See HaltingDriver and SuspendingDriver in `ua_fleet.bridge.driver`."""
+class SkilledDriver(Driver):
+    """The event loop's side of skills."""
 
     _offers: Sequence[Skill]
     _skills: RobotSkills[Any]
@@ -50,29 +50,29 @@ class SkilledDriver(ABC):
         """Raise RobotOffline where the bridge has no node in its graph."""
 
     def skills(self) -> Sequence[Skill]:
-        """See SkillDriver."""
+        """See Driver."""
         return self._offers
 
     def execute(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         self._check_node()
         self._skills.execute(execution)
 
     def query(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         self._skills.query(execution)
 
     def halt(self, execution: Execution) -> None:
-        """See HaltingDriver."""
+        """See Driver."""
         self._check_node()
         self._skills.halt(execution)
 
     def suspend(self, execution: Execution) -> None:
-        """See SuspendingDriver."""
+        """See Driver."""
         self._check_node()
         self._skills.suspend(execution)
 
     def resume(self, execution: Execution) -> None:
-        """See SuspendingDriver."""
+        """See Driver."""
         self._check_node()
         self._skills.resume(execution)

@@ -64,14 +64,14 @@ class RobotSkills(Generic[Graph]):
     # The event loop's side
 
     def execute(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         port = self._ports.get(execution.topic)
         if port is None:
             raise RobotOffline("the skill is not in the fleet.yaml of this bridge")
         self._call(partial(self._begin, port, execution, port.prepare(execution)))
 
     def query(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         port = self._ports.get(execution.topic)
         if port is None:
             said = "the skill is no longer in fleet.yaml; see what the robot did"
@@ -80,7 +80,7 @@ class RobotSkills(Generic[Graph]):
             self._call(partial(self._ask, port, execution))
 
     def halt(self, execution: Execution) -> None:
-        """See HaltingDriver."""
+        """See Driver."""
         port = self._ports.get(execution.topic)
         if port is None:
             raise RobotOffline("the skill is not in the fleet.yaml of this bridge")
@@ -89,11 +89,11 @@ class RobotSkills(Generic[Graph]):
         self._call(partial(self._cancel, execution.execution_id))
 
     def suspend(self, execution: Execution) -> None:
-        """See SuspendingDriver."""
+        """See Driver."""
         self._call(partial(self._stand, self._suspendable(execution), execution.execution_id))
 
     def resume(self, execution: Execution) -> None:
-        """See SuspendingDriver."""
+        """See Driver."""
         self._call(partial(self._go_on, self._suspendable(execution), execution.execution_id))
 
     def _suspendable(self, execution: Execution) -> SkillPort[Graph]:

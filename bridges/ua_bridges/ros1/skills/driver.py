@@ -27,7 +27,7 @@ _NOTHING = SystemState({}, {}, {})
 
 
 class SkilledRos1Driver(SkilledDriver, Ros1Driver):
-    """See HaltingDriver and SuspendingDriver in `ua_fleet.bridge.driver`."""
+    """See `ua_fleet.bridge.driver.Driver`."""
 
     def __init__(self, config: FleetConfig, bridge_name: str, specs: Sequence[SkillSpec]) -> None:
         super().__init__(config, bridge_name)

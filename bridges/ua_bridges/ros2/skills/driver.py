@@ -65,7 +65,7 @@ class _SkillFeed:
 
 
 class SkilledRos2Driver(SkilledDriver, Ros2Driver):
-    """See HaltingDriver and SuspendingDriver in `ua_fleet.bridge.driver`.
+    """See `ua_fleet.bridge.driver.Driver`.
 
     Skills have a node and a thread of their own in the participant of the bridge's node.
     """

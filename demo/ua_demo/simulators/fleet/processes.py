@@ -122,7 +122,7 @@ class VirtualBridge:
             place.subscriber(bridge.space),
             place.counters,
             send=place.sender.send,
-            publish=lambda _topic, _metadata, _message: True,
+            publish=robot.publish,
         )
         self._actions = self._core.actions = Actions(
             bridge.space,

@@ -6,15 +6,26 @@ import heapq
 from collections.abc import Callable, Sequence
 
 from ua_demo.simulators.fleet.fleet import TASK_S
-from ua_fleet.bridge.driver import DriverEvent, Execution, ExecutionEnded, ExecutionForgotten, Skill
+from ua_fleet.bridge.driver import (
+    Driver,
+    DriverEvent,
+    DriverStatus,
+    Execution,
+    ExecutionEnded,
+    ExecutionForgotten,
+    Inlet,
+    Skill,
+)
 from ua_fleet.errors import SkillRejected
+from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 __all__ = ["VirtualRobot"]
 
 
-class VirtualRobot:
-    """A SkillDriver without a machine. What it has to tell comes from `poll`."""
+class VirtualRobot(Driver):
+    """A driver without a machine, a thread and an inlet. What it has to tell comes from `poll`."""
 
     def __init__(self, skill: Skill, clock: Callable[[], float], *, fails: bool) -> None:
         """Make a robot.
@@ -29,18 +40,32 @@ class VirtualRobot:
         self._ends: list[tuple[float, bytes]] = []
         self._said: list[DriverEvent] = []
 
+    async def start(self, inlet: Inlet) -> None:
+        """See Driver: there is nothing to watch."""
+
+    def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
+        """See Driver: it takes values of others, and does nothing with them."""
+        return True
+
+    def status(self) -> DriverStatus:
+        """See Driver."""
+        return DriverStatus(True, "a virtual robot")
+
+    async def stop(self) -> None:
+        """See Driver: there is nothing to leave."""
+
     def skills(self) -> Sequence[Skill]:
-        """See SkillDriver."""
+        """See Driver."""
         return self._skills
 
     def execute(self, execution: Execution) -> None:
-        """See SkillDriver."""
+        """See Driver."""
         if self._is_broken:
             raise SkillRejected("its drive has failed")
         heapq.heappush(self._ends, (self._clock() + (TASK_S / 2 if self._fails else TASK_S), execution.execution_id))
 
     def query(self, execution: Execution) -> None:
-        """See SkillDriver: it remembers what it is at, and nothing else."""
+        """See Driver: it remembers what it is at, and nothing else."""
         if execution.execution_id not in [execution_id for _, execution_id in self._ends]:
             self._said.append(ExecutionForgotten(execution.execution_id, "it does not remember that"))
 

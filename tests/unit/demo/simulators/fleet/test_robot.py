@@ -1,11 +1,11 @@
-"""The virtual robot keeps the protocol of a driver with skills."""
+"""The virtual robot is a driver with skills."""
 
 from __future__ import annotations
 
 import pytest
 from ua_demo.simulators.fleet.robot import VirtualRobot
 
-from ua_fleet.bridge.driver import Execution, ExecutionEnded, ExecutionForgotten, Skill, SkillDriver
+from ua_fleet.bridge.driver import Execution, ExecutionEnded, ExecutionForgotten, Skill
 from ua_fleet.errors import SkillRejected
 from ua_fleet.topics import Topic
 from ua_fleet.values import Quality, quality_of
@@ -20,7 +20,7 @@ def execution(number: int) -> Execution:
 def test_it_does_everything_in_three_seconds() -> None:
     now = [10.0]
     robot = VirtualRobot(SKILL, lambda: now[0], fails=False)
-    assert isinstance(robot, SkillDriver)
+    assert robot.has_skills
     assert list(robot.skills()) == [SKILL]
     assert robot.next_deadline() is None
     robot.execute(execution(1))

@@ -10,17 +10,10 @@ from collections.abc import Iterable
 from itertools import count
 
 from ua_fleet.fleet.changes import ValueChanged
+from ua_fleet.rate import RateLimit
 from ua_fleet.values import NodeId
 
 __all__ = ["Coalescer"]
-
-
-class _Node:
-    __slots__ = ("free_at", "waiting")
-
-    def __init__(self, free_at: float) -> None:
-        self.free_at = free_at
-        self.waiting: ValueChanged | None = None
 
 
 class Coalescer:
@@ -28,44 +21,37 @@ class Coalescer:
 
     def __init__(self, rate_hz: float) -> None:
         """Make a coalescer that lets each node's analog value pass `rate_hz` times a second."""
-        self._period_s = 1.0 / rate_hz
-        self._nodes: dict[NodeId, _Node] = {}
+        self._rate_hz = rate_hz
+        self._limits: dict[NodeId, RateLimit[ValueChanged]] = {}
         self._due: list[tuple[float, int, NodeId]] = []
         self._order = count()
 
     def offer(self, change: ValueChanged, now: float) -> ValueChanged | None:
         """The change if it may be written now; None if it has to wait for `poll`."""
-        node = self._nodes.get(change.key)
-        if node is None:
-            self._nodes[change.key] = _Node(now + self._period_s)
+        limit = self._limits.get(change.key)
+        if limit is None:
+            limit = self._limits[change.key] = RateLimit(self._rate_hz)
+        elif not change.can_wait:
+            limit.overtake(now)
             return change
-        if not change.can_wait:
-            node.waiting = None
-            node.free_at = now + self._period_s
-            return change
-        if node.waiting is not None:
-            node.waiting = change
+        elif limit.due is not None:
+            limit.replace(change)  # `poll` knows when its turn comes
             return None
-        if now >= node.free_at:
-            node.free_at = now + self._period_s
-            return change
-        node.waiting = change
-        heapq.heappush(self._due, (node.free_at, next(self._order), change.key))
-        return None
+        passed, _ = limit.offer(change, now)
+        if passed is None and limit.due is not None:
+            heapq.heappush(self._due, (limit.due, next(self._order), change.key))
+        return passed
 
     def poll(self, now: float) -> list[ValueChanged]:
         """The values that have waited long enough."""
         due = self._due
         changes: list[ValueChanged] = []
         while due and due[0][0] <= now:
-            free_at, _, key = heapq.heappop(due)
-            node = self._nodes.get(key)
+            turn, _, key = heapq.heappop(due)
+            limit = self._limits.get(key)
             # Another time: something overtook, and what waits now has an entry of its own.
-            if node is None or node.waiting is None or node.free_at != free_at:
-                continue
-            changes.append(node.waiting)
-            node.waiting = None
-            node.free_at = now + self._period_s
+            if limit is not None and limit.due == turn and (change := limit.pop(now)) is not None:
+                changes.append(change)
         return changes
 
     def next_deadline(self) -> float | None:
@@ -75,4 +61,4 @@ class Coalescer:
     def forget(self, keys: Iterable[NodeId]) -> None:
         """These nodes are gone."""
         for key in keys:
-            self._nodes.pop(key, None)
+            self._limits.pop(key, None)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from ua_fleet.rate import Budget
+
 __all__ = ["Pace"]
 
 _BYTES_PER_SECOND: Final = 4_000_000
@@ -21,30 +23,27 @@ _DATAGRAM_BYTES: Final = 512
 class Pace:
     """A budget of bytes that refills with time. It may be overdrawn once; then it must refill first."""
 
-    __slots__ = ("_budget", "_needed", "_refilled_at")
+    __slots__ = ("_budget", "_needed", "_now")
 
     def __init__(self) -> None:
-        self._budget = float(_BURST_BYTES)
-        self._needed = 0.0
-        self._refilled_at = 0.0
+        self._budget = Budget(_BYTES_PER_SECOND, _BURST_BYTES)
+        self._needed = self._now = 0.0
 
     def allows(self, now: float) -> bool:
         """Whether something more may be sent now."""
-        if now > self._refilled_at:
-            self._budget = min(_BURST_BYTES, self._budget + (now - self._refilled_at) * _BYTES_PER_SECOND)
-            self._refilled_at = now
-        if self._budget > self._needed - 1.0:  # one byte less, so that rounding cannot ask for another round
+        self._now = max(self._now, now)
+        if self._budget.left(self._now) > self._needed - 1.0:  # one less, so that rounding asks for no other round
             self._needed = 0.0
             return True
         return False
 
     def take(self, size: int, *, datagrams: int = 0) -> None:
         """Count what is sent: bytes, and whole datagrams."""
-        self._budget -= size + datagrams * _DATAGRAM_BYTES
-        if self._budget <= 0:
+        self._budget.spend(self._now, size + datagrams * _DATAGRAM_BYTES)
+        if self._budget.left(self._now) <= 0:
             self._needed = _RESUME_BYTES
 
     @property
     def ready_at(self) -> float:
         """The time from which `allows` says yes; in the past where it does already."""
-        return self._refilled_at + max(self._needed - self._budget, 0.0) / _BYTES_PER_SECOND
+        return self._budget.at(self._needed)

@@ -18,6 +18,7 @@ from typing import Final, Protocol
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.pubsub.security.envelope import Envelope
+from ua_fleet.rate import Budget
 from ua_fleet.transport.base import Address, Sends
 from ua_fleet.transport.sealed import SealedSender, Sent
 from ua_fleet.wire.cursor import Cursor
@@ -91,7 +92,7 @@ class PacedSender(SealedSender):
         self._call_at, self._counters, self._arrived, self._gone = call_at, counters, arrived, gone
         self._queue: deque[_Waiting] = deque()
         self._queued_bytes = 0
-        self._budget, self._refilled_at = float(BURST_BYTES), clock()
+        self._budget = Budget(BYTES_PER_SECOND, BURST_BYTES)
         self._timer: Timer | None = None
 
     def send(self, datagram: bytes, address: Address | None = None) -> None:
@@ -152,9 +153,7 @@ class PacedSender(SealedSender):
         """Send as much as the pace allows, and come again for the rest."""
         self._timer = None
         now = self._clock()
-        self._budget = min(self._budget + (now - self._refilled_at) * BYTES_PER_SECOND, BURST_BYTES)
-        self._refilled_at = now
-        while self._queue and self._budget > 0:
+        while self._queue and self._budget.left(now) > 0:
             waiting = self._queue[0]
             if waiting.parts is None:
                 waiting.parts = self._envelope.parts(waiting.datagram, self._clock)
@@ -166,18 +165,17 @@ class PacedSender(SealedSender):
             if part is not None:
                 self._transport.send(part, waiting.address)
                 waiting.size += len(part)
-                self._budget -= len(part)
+                self._budget.spend(now, len(part))
                 continue
             self._queue.popleft()
             self._queued_bytes -= len(waiting.datagram)
             if waiting.size and self._sent is not None:
                 self._sent(waiting.datagram, waiting.size)
             if waiting.is_large:
-                now = self._clock()
-                self._gone(now - waiting.arrived, now)
+                gone_at = self._clock()
+                self._gone(gone_at - waiting.arrived, gone_at)
         if self._queue:
-            due = self._refilled_at + (BURST_BYTES / 2 - self._budget) / BYTES_PER_SECOND
-            self._timer = self._call_at(due, self._pump)
+            self._timer = self._call_at(self._budget.at(BURST_BYTES / 2), self._pump)
 
 
 def _writers_of(datagram: bytes) -> frozenset[_Writer]:

@@ -16,11 +16,11 @@ from typing import Any, Final
 
 from ua_bridges.plugged.config import PluggedSource
 from ua_bridges.plugged.data import Put, as_type
-from ua_bridges.plugged.throttle import Throttle
 from ua_fleet.bridge.configured import ConfiguredData, ConfiguredSkill
 from ua_fleet.bridge.driver import Dropped, Execution, SampleRead, SourceFound, SourceLost
 from ua_fleet.bridge.executing import Ended, Executing
 from ua_fleet.counters import Drop
+from ua_fleet.rate import RateLimit
 from ua_fleet.values import BuiltinType, StatusCode, Variant
 
 __all__ = ["Sensor"]
@@ -38,7 +38,8 @@ class Sensor:
     def __init__(self, data: ConfiguredData[PluggedSource], put: Put, executing: Executing) -> None:
         self.data, self.source = data, data.side
         self._put, self._executing = put, executing
-        self._throttle = Throttle(data.side.max_rate_hz)
+        rate_hz = data.side.max_rate_hz
+        self._limit = RateLimit[SampleRead](rate_hz, burst=max(rate_hz, 1.0))
         self._is_plugged = self._is_there = False
         self._is_wanted = data.side.when == "always"
         self._reads: list[bytes] = []
@@ -148,9 +149,9 @@ class Sensor:
 
     def turn(self, now: float) -> float | None:
         """Do what is due; when to be called again."""
-        if (held := self._throttle.due(now)) is not None:
+        if (held := self._limit.pop(now)) is not None:
             self._say(held)
-        times = [self._throttle.due_at()]
+        times = [self._limit.due]
         limit = self.silent_after_s
         if self._is_there and self.is_needed and limit is not None:
             silent_at = max(self._heard_at, self._needed_since) + limit
@@ -171,7 +172,7 @@ class Sensor:
         self._was_needed = is_needed
 
     def _rest(self) -> None:
-        if (held := self._throttle.flush()) is not None:
+        if (held := self._limit.drain()) is not None:
             self._say(held)
         last, self._last = self._last, None
         if last is not None and self.source.url is None and self.source.plugged is None:
@@ -183,16 +184,16 @@ class Sensor:
             self._put(SourceFound(self.data.topic, self.data.label, self.data.fields))
 
     def _lost(self) -> None:
-        self._throttle.flush()
+        self._limit.drain()
         self._last = None
         if self._is_there:
             self._is_there = False
             self._put(SourceLost(self.data.topic))
 
     def _tell(self, sample: SampleRead, now: float) -> None:
-        passed, skipped = self._throttle.offer(sample, now)
-        if skipped:
-            self._put(Dropped(Drop.RATE_LIMITED, skipped))
+        passed, is_replaced = self._limit.offer(sample, now)
+        if is_replaced:
+            self._put(Dropped(Drop.RATE_LIMITED))
         if passed is not None:
             self._say(passed)
 

@@ -19,7 +19,7 @@ from ua_bridges.ros.schema import MessageSchema, ros1_type_name, schema_from_def
 from ua_bridges.ros.stamp import source_time_ns
 from ua_bridges.ros1.classes import MessageType
 from ua_fleet.bridge.driver import Dropped, Inlet, SampleRead, SourceFound, SourceLost
-from ua_fleet.bridge.rate import ThreadedGate
+from ua_fleet.bridge.gate import RateGate
 from ua_fleet.config.schema import DataSetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field
@@ -149,9 +149,9 @@ class MappedFeed:
         self._mapped = MappedSource(dataset, browse_name)
         self._fields = tuple(make_field(name, builtin, array=array) for name, builtin, array in self._mapped.fields)
         self._put = inlet.put
-        self._gate: ThreadedGate[SampleRead] | None = None
+        self._gate: RateGate[SampleRead] | None = None
         if dataset.source_topic.max_rate_hz is not None:
-            self._gate = ThreadedGate(
+            self._gate = RateGate(
                 dataset.source_topic.max_rate_hz, loop, inlet.put, lambda: inlet.put(Dropped(Drop.RATE_LIMITED))
             )
 

@@ -23,7 +23,7 @@ from ua_bridges.ros1.classes import MessageType, installed_type, needed_type, ty
 from ua_bridges.ros1.feed import schema_of
 from ua_bridges.ros1.outlet import QUEUE_SIZE, Outlet
 from ua_fleet.bridge.driver import Dropped, Inlet
-from ua_fleet.bridge.rate import RateGate
+from ua_fleet.bridge.gate import RateGate
 from ua_fleet.config.schema import DataSetConfig, TopicMapping
 from ua_fleet.counters import Drop
 from ua_fleet.errors import ConfigError, FieldMissing, UaFleetError

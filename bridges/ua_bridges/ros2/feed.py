@@ -15,10 +15,10 @@ from ua_bridges.ros.mapping import Follow, MappedSource
 from ua_bridges.ros2.classes import MessageType
 from ua_bridges.ros2.serialized import flat_reader, message_reader
 from ua_fleet.bridge.driver import Dropped, Inlet, SampleRead, SourceFound, SourceLost
-from ua_fleet.bridge.rate import RateLimit
 from ua_fleet.config.schema import DataSetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.rate import RateLimit
 from ua_fleet.topics import Topic
 
 __all__ = ["Feed", "MappedFeed", "MirrorFeed", "Read"]
@@ -153,7 +153,7 @@ class MappedFeed:
         """See Feed."""
         if self._limit is None:
             return None
-        sample = self._limit.take(now)
+        sample = self._limit.pop(now)
         if sample is not None:
             self._put(sample)
         return self._limit.due

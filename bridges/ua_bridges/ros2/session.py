@@ -28,8 +28,8 @@ from ua_bridges.ros2.thread import NodeThread
 from ua_bridges.ros2.watch import Listener, Watch, absolute
 from ua_fleet.bridge.configured import ConfiguredData, configured_sinks, configured_sources
 from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Inlet
+from ua_fleet.bridge.gate import RateGate
 from ua_fleet.bridge.offenders import Offenders
-from ua_fleet.bridge.rate import RateGate
 from ua_fleet.config.nodes import max_ages_of
 from ua_fleet.config.schema import FleetConfig, TopicMapping
 from ua_fleet.counters import Drop

@@ -9,11 +9,11 @@ from typing import Any, Final
 from ua_bridges.tcp.config import FAULT, TcpSink, TcpSource
 from ua_fleet.bridge.configured import ConfiguredData, configured_faults
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
-from ua_fleet.bridge.rate import RateLimit
 from ua_fleet.config.base import ScalarType
 from ua_fleet.config.schema import DataSetConfig, FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.fleet.skills import ArgumentModel, argument_problem
+from ua_fleet.rate import RateLimit
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode, Variant
 
@@ -86,7 +86,7 @@ class Sources:
     def turn(self, now: float) -> float | None:
         """Hand on what has waited for its turn; when the next one is due, None where none waits."""
         for limit in self._limits.values():
-            if (sample := limit.take(now)) is not None:
+            if (sample := limit.pop(now)) is not None:
                 self._put(sample)
         return min((limit.due for limit in self._limits.values() if limit.due is not None), default=None)
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from ua_fleet.endpoint.audit.caller import Caller
+from ua_fleet.rate import Budget
 
 __all__ = ["AT_ONCE", "A_MINUTE", "Allowances", "Omitted"]
 
@@ -35,6 +36,10 @@ class Share:
     at_once: int
     a_minute: int
 
+    def budget(self) -> Budget:
+        """All of it."""
+        return Budget(self.a_minute / 60, self.at_once)
+
 
 FREE: Final = Share(AT_ONCE, A_MINUTE)
 """Of what costs its maker nothing."""
@@ -42,21 +47,6 @@ CHANGES: Final = Share(3_000, 120)
 """Of what operators and engineers change: 40 MB a day, where a loop of writes filled all files in half a minute."""
 STRANGERS: Final = Share(600, 60)
 """Of all who have no user, together."""
-
-
-class _Bucket:
-    """Lines that may still be written: `at_once`, and `a_minute` more in each minute."""
-
-    __slots__ = ("_a_minute", "_at", "_at_once", "left")
-
-    def __init__(self, share: Share, now: float) -> None:
-        self._at_once, self._a_minute, self._at = share.at_once, share.a_minute, now
-        self.left = float(share.at_once)
-
-    def fill(self, now: float) -> None:
-        """Time has gone on."""
-        self.left = min(self._at_once, self.left + (now - self._at) * self._a_minute / 60)
-        self._at = now
 
 
 @dataclass(slots=True)
@@ -73,7 +63,7 @@ class Omitted:
 
 @dataclass(slots=True)
 class _Account:
-    bucket: _Bucket
+    budget: Budget
     omitted: Omitted | None = None
 
 
@@ -87,7 +77,7 @@ class Allowances:
         """Those of the accounts that are addresses. New ones push out the oldest of these, and never a user: there are
         as many as there are users, and one whose account is forgotten would have a new allowance. An address gains
         nothing by that, since all addresses have one more together."""
-        self._strangers: _Bucket | None = None
+        self._strangers = STRANGERS.budget()
         self._pushed_out: list[Omitted] = []
 
     def take(self, caller: Caller, kind: str, now: float, value: str = "") -> bool:
@@ -95,21 +85,16 @@ class Allowances:
         name = caller.counts_as
         account = self._accounts.get(name)
         if account is None:
-            account = self._accounts[name] = _Account(_Bucket(self._share, now))
+            account = self._accounts[name] = _Account(self._share.budget())
             if caller.is_stranger:
                 self._addresses[name] = None
                 self._push_out()
         if caller.is_stranger:
             self._addresses.move_to_end(name)
-        buckets = [account.bucket]
-        if caller.is_stranger:
-            self._strangers = self._strangers or _Bucket(STRANGERS, now)
-            buckets.append(self._strangers)
-        for bucket in buckets:
-            bucket.fill(now)
-        if all(bucket.left >= 1 for bucket in buckets):
-            for bucket in buckets:
-                bucket.left -= 1
+        budgets = (account.budget, self._strangers) if caller.is_stranger else (account.budget,)
+        if all(now >= budget.at() for budget in budgets):
+            for budget in budgets:
+                budget.spend(now)
             return True
         if account.omitted is None:
             shown = Caller(caller.client, caller.user, caller.role) if not caller.is_stranger else Caller(name)

@@ -8,7 +8,6 @@ import pytest
 from ua_bridges.plugged.config import PluggedSkill, PluggedSource
 from ua_bridges.plugged.files import value_of
 from ua_bridges.plugged.sensor import Sensor
-from ua_bridges.plugged.throttle import Throttle
 
 from ua_fleet.bridge import DriverEvent, Dropped, Execution, ExecutionEnded, SampleRead, SourceFound, SourceLost
 from ua_fleet.bridge.configured import configured_skills, configured_sources
@@ -140,12 +139,6 @@ def test_of_a_flood_the_latest_passes_and_all_is_counted() -> None:
     assert 18 <= len(values) <= 22
     dropped = sum(event.count for event in bench.told if isinstance(event, Dropped))
     assert dropped + len(values) == 1000
-
-
-def test_a_throttle_lets_one_by_one_pass() -> None:
-    throttle, sample = Throttle(2.0), SampleRead(Topic(300, 2, 1), (1,), 0)
-    assert [throttle.offer(sample, number * 0.5) for number in range(5)] == [(sample, 0)] * 5
-    assert throttle.due_at() is None
 
 
 @pytest.mark.parametrize(

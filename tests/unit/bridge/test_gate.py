@@ -1,58 +1,11 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import threading
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
-
 from tests.waiting import until
-from ua_fleet.bridge.rate import RateGate, RateLimit, ThreadedGate
-
-
-def test_first_goes_at_once_and_the_latest_waits_for_its_turn() -> None:
-    limit = RateLimit[str](10.0)
-    assert limit.offer("a", 0.0) == ("a", False)
-    assert limit.offer("b", 0.01) == (None, False)
-    assert limit.offer("c", 0.02) == (None, True)
-    assert limit.due == 0.1
-    assert limit.take(0.09) is None
-    assert limit.take(0.1) == "c"
-    assert limit.take(0.5) is None
-
-
-def test_item_that_comes_at_its_turn_replaces_the_one_that_waited() -> None:
-    limit = RateLimit[str](10.0)
-    limit.offer("a", 0.0)
-    limit.offer("b", 0.05)
-    assert limit.offer("c", 0.2) == ("c", True)
-    assert limit.take(0.9) is None
-
-
-@given(st.lists(st.floats(min_value=0.0, max_value=1.0), min_size=1, max_size=50), st.floats(0.5, 50.0))
-def test_rate_holds_and_the_last_one_always_arrives(gaps: list[float], rate: float) -> None:
-    limit = RateLimit[int](rate)
-    now, passed = 0.0, list[tuple[float, int]]()
-    for number, gap in enumerate(gaps):
-        while limit.due is not None and limit.due <= now + gap:
-            due = limit.due
-            item = limit.take(due)
-            assert item is not None
-            passed.append((due, item))
-        now += gap
-        item, _ = limit.offer(number, now)
-        if item is not None:
-            passed.append((now, item))
-    if limit.due is not None:
-        item = limit.take(limit.due)
-        assert item is not None
-        passed.append((now, item))
-    assert passed[-1][1] == len(gaps) - 1
-    times = [time for time, _ in passed[:-1]]
-    assert all(later - earlier >= 1.0 / rate - 1e-9 for earlier, later in itertools.pairwise(times))
-    assert [number for _, number in passed] == sorted({number for _, number in passed})
+from ua_fleet.bridge.gate import RateGate
 
 
 async def test_gate_delivers_the_last_one_when_its_turn_comes() -> None:
@@ -99,7 +52,7 @@ async def test_a_gate_that_threads_feed_keeps_one_item_however_busy_the_loop_is(
 
     loop.call_soon_threadsafe = count  # type: ignore[assignment]
     try:
-        gate = ThreadedGate[int](1.0, loop, passed.append, count_replaced)
+        gate = RateGate[int](1.0, loop, passed.append, count_replaced)
 
         def feed() -> None:
             for number in range(1000):
@@ -117,7 +70,7 @@ async def test_a_gate_that_threads_feed_keeps_one_item_however_busy_the_loop_is(
 
 async def test_what_waits_in_such_a_gate_is_handed_on_in_its_turn() -> None:
     passed: list[int] = []
-    gate = ThreadedGate[int](2.0, asyncio.get_running_loop(), passed.append, lambda: None)
+    gate = RateGate[int](2.0, asyncio.get_running_loop(), passed.append, lambda: None)
     for number in range(3):
         gate.offer(number)
     await until(lambda: passed == [0, 2], "the last one")

@@ -14,7 +14,6 @@ from ua_fleet.config.schema import (
     FieldConfig,
     PubSubSecurity,
     ScalarType,
-    TopicMapping,
     value_name,
 )
 from ua_fleet.config.teleoperation_checks import check_teleoperation
@@ -31,7 +30,6 @@ __all__ = ["Parts", "check_all", "check_ids_given", "check_namespaces", "check_r
 MOST_FIELDS: Final = MOST_DESCRIBED - 10
 """Of a data source: with its properties (type, definition and age of its messages) it has no more parts than are
 read."""
-_UA_TOPIC: Final = re.compile(r"/?ua_[0-9]")
 _BITS: Final = re.compile(r"(U?)(?:Int)(\d+)")
 _SHORTEST_LIFETIME_S: Final = 2.0
 _MAX_FLOAT: Final = 3.4028234663852886e38
@@ -167,55 +165,6 @@ def _check_kinds(parts: Parts) -> None:
             # A `source` or `sink` with a mistake in it has been left out. It is not missing.
             if path[-1] not in ("source", "sink") or not any(f"{each}.".startswith(f"{key}.") for each in told):
                 parts.document.problem(path, text, suggestion)
-
-
-def _absolute(topic: str) -> str:
-    return topic if topic.startswith("/") else f"/{topic}"
-
-
-def _check_sink(
-    parts: Parts,
-    writers: dict[tuple[str, str, str], KeyPath],
-    topic: tuple[str, str],
-    path: KeyPath,
-    dataset: DataSetConfig,
-) -> None:
-    """Several data sources may write one topic, each its own members of the message."""
-    for name, field in dataset.all_fields().items():
-        member = field.path or name or "data"
-        first = writers.setdefault((*topic, member), path)
-        if first != path:
-            line = parts.document.place_of(first).line
-            text = f"{member} of {topic[1]} is written by {key_text(first[:-2])} already (line {line})"
-            parts.document.problem(path, text, "give one of them another `path` or topic")
-            return
-
-
-def _check_topics(parts: Parts) -> None:
-    topics: dict[tuple[str, str], tuple[KeyPath, TopicMapping]] = {}
-    writers: dict[tuple[str, str, str], KeyPath] = {}
-    for (robot, name), dataset in parts.data.items():
-        bridge = parts.bridge_of.get(robot, "")
-        for side, mapping in (("source", dataset.source_topic), ("sink", dataset.sink_topic)):
-            if mapping is None:
-                continue
-            path: KeyPath = ("robots", robot, "data", name, side, "topic")
-            if _UA_TOPIC.match(mapping.topic):
-                parts.document.problem(
-                    path,
-                    f"{mapping.topic} is a UA topic, which is bridged without being named here",
-                    f"remove `{side}`",
-                )
-            key = (bridge, _absolute(mapping.topic))
-            if side == "sink":
-                _check_sink(parts, writers, key, path, dataset)
-            first_path, first = topics.setdefault(key, (path, mapping))
-            if first.type.replace("/msg/", "/") != mapping.type.replace("/msg/", "/"):
-                parts.document.problem(
-                    (*path[:-1], "type"),
-                    f"{mapping.topic} has the type {first.type} in {key_text(first_path[:-2])}",
-                    "a topic has one type; correct one of them",
-                )
 
 
 def _number_problem(kind: ScalarType, value: float) -> str:
@@ -381,7 +330,6 @@ _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
     _check_spaces,
     _check_ids,
     _check_directions,
-    _check_topics,
     _check_initial_values,
     _check_pubsub,
     _check_listed_spaces,

@@ -191,15 +191,13 @@ def _data_set(topic: Topic, name: str, config: DataSetConfig, *, for_clients: bo
         )
         for field_name, field in config.all_fields().items()
     )
-    sink = config.sink_topic
-    message_type = sink.type.replace("/msg/", "/") if sink is not None else None
     return DataSetModel(
         topic,
         name,
         fields,
         config.description,
         is_single,
-        message_type,
+        None if config.sink is None else config.sink.message_type,
         for_clients,
         gives=config.gives,
         max_age_s=config.max_age_s,

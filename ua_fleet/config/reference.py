@@ -30,12 +30,10 @@ from ua_fleet.config.schema import (
     KeysConfig,
     MonitoringConfig,
     PubSubConfig,
-    QosConfig,
     ResilienceConfig,
     RobotConfig,
     ScenariosConfig,
     ServerConfig,
-    TopicMapping,
 )
 from ua_fleet.config.skill_schema import ArgumentConfig, SkillConfig, SkillLimitsConfig
 from ua_fleet.config.source_schema import PublishedFieldConfig, PublishedSourceConfig
@@ -60,8 +58,6 @@ _SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
     ("`robots.<name>`", RobotConfig),
     ("`robots.<name>.data.<name>`", DataSetConfig),
     ("`robots.<name>.data.<name>.fields.<name>`", FieldConfig),
-    ("`source` and `sink` of a data source", TopicMapping),
-    ("`qos` of a `source` or `sink`", QosConfig),
     ("`robots.<name>.skills.<name>`", SkillConfig),
     ("`arguments.<name>` and `results.<name>` of a skill", ArgumentConfig),
     ("`limits` of a skill", SkillLimitsConfig),
@@ -154,16 +150,28 @@ def _models_in(annotation: Any) -> Iterator[tuple[type[BaseModel], str]]:
             yield model, below + further
 
 
+def _mappings(model: type[BridgeConfig]) -> Iterator[tuple[str, type[BaseModel]]]:
+    """What stands below the robots of a kind of bridge, by its key."""
+    mappings = (("source", model.source_mapping), ("sink", model.sink_mapping), ("via", model.skill_mapping))
+    yield from [(key, mapping) for key, mapping in mappings if mapping is not None]
+
+
+def _title(mapping: type[BaseModel], path: str = "") -> str:
+    """Where a model of `_mappings`, or what is at a path in it, stands: several kinds may share it."""
+    found = [(key, kind) for kind in known_kinds() for key, each in _mappings(model_of_kind(kind)) if each is mapping]
+    keys = " and ".join(f"`{key}{path and f'.{path}'}`" for key in dict.fromkeys(key for key, _ in found))
+    kinds = " or ".join(f"`{kind}`" for kind in dict.fromkeys(kind for _, kind in found))
+    return f"{keys} on a bridge of kind {kinds}"
+
+
 def _of_kind(kind: str, shared: Sequence[str], told: set[type[BaseModel]]) -> Iterator[str]:
     """What the configuration of a kind of bridge has besides; each model that was not told of, where it comes first."""
     model = model_of_kind(kind)
     yield f"### `bridges.<name>` of kind `{kind}`, besides\n\n{_table(model, shared)}"
     tables: list[tuple[str, type[BaseModel]]] = []
-    mappings = (("source", model.source_mapping), ("sink", model.sink_mapping), ("via", model.skill_mapping))
-    for key, mapping in mappings:
-        if mapping is not None:
-            tables.append((f"`{key}` on a bridge of kind `{kind}`", mapping))
-            tables += [(f"`{path}` on a bridge of kind `{kind}`", inner) for path, inner in _inner(mapping, key)]
+    for _, mapping in _mappings(model):
+        tables.append((_title(mapping), mapping))
+        tables += [(_title(mapping, path), inner) for path, inner in _inner(mapping, "")]
     tables += [(f"`{path}` of kind `{kind}`", inner) for path, inner in _inner(model, "")]
     for title, inner in tables:
         if inner not in told:

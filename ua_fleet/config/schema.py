@@ -40,7 +40,6 @@ __all__ = [
     "MonitoringConfig",
     "PubSubConfig",
     "PubSubSecurity",
-    "QosConfig",
     "ResilienceConfig",
     "RobotConfig",
     "ScalarType",
@@ -48,7 +47,6 @@ __all__ = [
     "ServerConfig",
     "SkillConfig",
     "TeleoperationConfig",
-    "TopicMapping",
     "UnknownSources",
     "VendorBridgeConfig",
     "value_name",
@@ -81,19 +79,18 @@ class FieldConfig(Model, frozen=True, json_schema_extra=implies(given("range"), 
         return self
 
 
-class QosConfig(Model, frozen=True):
-    """ROS 2 quality of service of a mapped topic. What is left out follows the publishers that are there."""
-
-    reliability: Literal["reliable", "best_effort"] | None = None
-    """Whether lost messages are sent again. A sink without it is `reliable`."""
-    durability: Literal["volatile", "transient_local"] | None = None
-    """Whether late subscribers get the last messages too. A sink without it is `volatile`."""
-    depth: int = Field(default=10, ge=1, le=10_000)
-    """Messages that the queue holds."""
-
-
 class DataMapping(Model, frozen=True):
     """What `source` and `sink` of a data source say. Each kind of bridge derives its own from this one."""
+
+    @property
+    def own_topic(self) -> str | None:
+        """The full name of the robot's own topic that it stands for; None in a space without topics."""
+        return None
+
+    @property
+    def message_type(self) -> str | None:
+        """The type of that topic's messages, `pkg/Name`."""
+        return None
 
 
 MESSAGE_TYPE: Final = r"^[a-z][a-z0-9_]*/(msg/)?[A-Z][A-Za-z0-9]*$"
@@ -101,21 +98,6 @@ TOPIC_NAME: Final = r"^/?[A-Za-z_][A-Za-z0-9_/]*$"
 FIELD_NAME: Final = r"^[A-Za-z][A-Za-z0-9_.]{0,127}$"
 ValueName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,191}$", examples=["battery"])]
 MessageTypeName = Annotated[str, Field(pattern=MESSAGE_TYPE, examples=["sensor_msgs/BatteryState"])]
-
-
-class TopicMapping(DataMapping, frozen=True):
-    """A robot's own topic that a DataSet is read from or written to. For the bridges of ROS 1 and ROS 2."""
-
-    topic: Annotated[str, Field(pattern=TOPIC_NAME, examples=["/battery_state"])]
-    """Name of the topic in the robot's space, e.g. `/battery_state`."""
-    type: MessageTypeName
-    """Message type as `pkg/Name`."""
-    max_rate_hz: float | None = Field(default=None, gt=0)
-    """At most so many messages a second are carried; the latest wins, and the last one always arrives."""
-    latched: bool = False
-    """ROS 1: publish latched. In ROS 2 use `qos.durability: transient_local`."""
-    qos: QosConfig = QosConfig()
-    """ROS 2 only: quality of service."""
 
 
 class DataSetConfig(
@@ -200,16 +182,6 @@ class DataSetConfig(
     def field_types(self) -> dict[str, ScalarType]:
         """The fields by the names that templates and patterns use: a single one is `value`."""
         return {name or "value": field.type for name, field in self.all_fields().items()}
-
-    @property
-    def source_topic(self) -> TopicMapping | None:
-        """`source` where it is a robot's own topic."""
-        return self.source if isinstance(self.source, TopicMapping) else None
-
-    @property
-    def sink_topic(self) -> TopicMapping | None:
-        """`sink` where it is a robot's own topic."""
-        return self.sink if isinstance(self.sink, TopicMapping) else None
 
 
 def value_name(data: str, field: str) -> str:

@@ -7,7 +7,7 @@ from typing import Final
 
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.parts import Parts
-from ua_fleet.config.schema import BridgeConfig, DataSetConfig, RobotConfig, ScalarType, TopicMapping
+from ua_fleet.config.schema import BridgeConfig, DataSetConfig, RobotConfig, ScalarType
 from ua_fleet.config.teleoperation_schema import TeleoperationConfig
 from ua_fleet.document import KeyPath
 from ua_fleet.errors import ConfigError
@@ -110,24 +110,3 @@ def _check_data(parts: Parts, path: KeyPath, robot: str, said: TeleoperationConf
                 f"{axis.speed:g} is beyond the range of the field, {axis_field.range[0]:g} to {axis_field.range[1]:g}"
             )
             problem((*path, "axes", name, "speed"), text, f"write at most {most:g}, or widen the range")
-    if (sink := data.sink_topic) is not None:
-        _check_topic(parts, path, robot, said.data, sink)
-
-
-def _check_topic(parts: Parts, path: KeyPath, robot: str, name: str, sink: TopicMapping) -> None:
-    """The topic is written at the rate of teleoperation, kept for nobody, and by nothing else of the fleet."""
-    own: KeyPath = ("robots", robot, "data", name, "sink")
-    if sink.latched or sink.qos.durability == "transient_local":
-        key = "latched" if sink.latched else "qos"
-        parts.document.problem((*own, key), "a setpoint must not be kept for late subscribers", "remove it")
-    if sink.max_rate_hz is not None:
-        text = "setpoints are written each `period_ms` of teleoperation"
-        parts.document.problem((*own, "max_rate_hz"), text, "remove it")
-    bridge = parts.bridge_of.get(robot)
-    for (other_robot, other_name), other in parts.data.items():
-        topic = other.sink_topic
-        if topic is None or parts.bridge_of.get(other_robot) != bridge or (other_robot, other_name) == (robot, name):
-            continue
-        if topic.topic.lstrip("/") == sink.topic.lstrip("/"):
-            text = f"{sink.topic} is written by {other_robot}.{other_name} too, and a robot has one commander"
-            parts.document.problem((*path, "data"), text, "give one of them another topic")

@@ -142,11 +142,11 @@ def plan_additions(
     here = {name: config for name, config in robots.items() if config.bridge == bridge}
     taken = {name: set(config.data) for name, config in here.items()}
     mapped = {
-        topic if topic.startswith("/") else f"/{topic}": f"robots.{name}.data.{data_name}"
+        topic: f"robots.{name}.data.{data_name}"
         for name, config in here.items()
         for data_name, data in config.data.items()
-        for side in (data.source_topic, data.sink_topic)
-        if side is not None and (topic := side.topic)
+        for side in (data.source, data.sink)
+        if side is not None and (topic := side.own_topic) is not None
     }
     additions: list[Addition] = []
     left_out: list[LeftOut] = []

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeGuard, cast
 
 from ua_bridges.ros.leaves import Form, Leaf, leaves_of
 from ua_bridges.ros.schema import MessageSchema
+from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_fleet.config.schema import DataSetConfig, FieldConfig, ScalarType
 from ua_fleet.values import BuiltinType, StatusCode, Variant, ticks_from_unix_ns
 from ua_fleet.wire.packed import LETTERS, is_packed
@@ -281,8 +282,8 @@ class MappedSource:
 
         A single field has the DataSet's browse name, and without `path` the path `data` of the std_msgs.
         """
-        assert dataset.source_topic is not None
-        self.message_type = dataset.source_topic.type.replace("/msg/", "/")
+        assert isinstance(dataset.source, TopicMapping)
+        self.message_type = dataset.source.message_type
         self.fields: tuple[tuple[str, BuiltinType, bool], ...] = tuple(
             (name or browse_name, field.type.builtin, field.array) for name, field in dataset.all_fields().items()
         )

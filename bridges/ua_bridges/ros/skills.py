@@ -18,10 +18,11 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from ua_bridges.ros.topic_mapping import QosConfig
 from ua_fleet.bridge.configured import ConfiguredSkill, configured_skills
 from ua_fleet.bridge.driver import Skill
 from ua_fleet.config.base import FieldPath, Model
-from ua_fleet.config.schema import FleetConfig, QosConfig, RobotConfig, SkillConfig
+from ua_fleet.config.schema import FleetConfig, RobotConfig, SkillConfig
 from ua_fleet.config.shapes import exactly_one
 from ua_fleet.document import KeyPath
 from ua_fleet.errors import ScenarioError

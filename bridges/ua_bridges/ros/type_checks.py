@@ -12,6 +12,7 @@ from ua_bridges.ros.leaves import OCTETS, Leaf, leaves_of
 from ua_bridges.ros.mapping import flat_path, steps_of
 from ua_bridges.ros.schema import Member, MessageSchema
 from ua_bridges.ros.sink import compile_sink
+from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_fleet.config.schema import DataSetConfig, FieldConfig, MachineFinding, RobotConfig, ScalarType
 from ua_fleet.document import KeyPath
 from ua_fleet.names import closest, listed
@@ -37,8 +38,8 @@ def message_type_findings(
         if robot.bridge != bridge:
             continue
         for name, data in robot.data.items():
-            for side, topic in (("source", data.source_topic), ("sink", data.sink_topic)):
-                if topic is None:
+            for side, topic in (("source", data.source), ("sink", data.sink)):
+                if not isinstance(topic, TopicMapping):
                     continue
                 path: KeyPath = ("robots", robot_name, "data", name)
                 found = look_up(topic.type, ros)

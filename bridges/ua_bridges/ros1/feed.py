@@ -17,6 +17,7 @@ from ua_bridges.ros.latched import mark_latched
 from ua_bridges.ros.mapping import MappedSource
 from ua_bridges.ros.schema import MessageSchema, ros1_type_name, schema_from_definition
 from ua_bridges.ros.stamp import source_time_ns
+from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_bridges.ros1.classes import MessageType
 from ua_fleet.bridge.driver import Dropped, Inlet, SampleRead, SourceFound, SourceLost
 from ua_fleet.bridge.gate import RateGate
@@ -142,17 +143,17 @@ class MappedFeed:
     def __init__(
         self, topic: Topic, dataset: DataSetConfig, browse_name: str, inlet: Inlet, loop: asyncio.AbstractEventLoop
     ) -> None:
-        assert dataset.source_topic is not None
+        assert isinstance(dataset.source, TopicMapping)
         self.topic = topic
-        self._name = dataset.source_topic.topic
-        self.wanted_type = ros1_type_name(dataset.source_topic.type.replace("/msg/", "/"))
+        self._name = dataset.source.topic
+        self.wanted_type = ros1_type_name(dataset.source.message_type)
         self._mapped = MappedSource(dataset, browse_name)
         self._fields = tuple(make_field(name, builtin, array=array) for name, builtin, array in self._mapped.fields)
         self._put = inlet.put
         self._gate: RateGate[SampleRead] | None = None
-        if dataset.source_topic.max_rate_hz is not None:
+        if dataset.source.max_rate_hz is not None:
             self._gate = RateGate(
-                dataset.source_topic.max_rate_hz, loop, inlet.put, lambda: inlet.put(Dropped(Drop.RATE_LIMITED))
+                dataset.source.max_rate_hz, loop, inlet.put, lambda: inlet.put(Dropped(Drop.RATE_LIMITED))
             )
 
     def announce(self, kind: MessageType, latched: bool) -> None:

@@ -19,19 +19,20 @@ from ua_bridges.ros.fields import is_same_type
 from ua_bridges.ros.form import Form, form_of, with_stamp
 from ua_bridges.ros.latched import is_latched
 from ua_bridges.ros.schema import ros1_type_name
+from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_bridges.ros1.classes import MessageType, installed_type, needed_type, type_from_definition
 from ua_bridges.ros1.feed import schema_of
 from ua_bridges.ros1.outlet import QUEUE_SIZE, Outlet
 from ua_fleet.bridge.driver import Dropped, Inlet
 from ua_fleet.bridge.gate import RateGate
-from ua_fleet.config.schema import DataSetConfig, TopicMapping
+from ua_fleet.config.schema import DataSetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import ConfigError, FieldMissing, UaFleetError
 from ua_fleet.fleet.matching import FieldOrder
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
-__all__ = ["Outlets", "absolute"]
+__all__ = ["Outlets"]
 
 MAX_MIRRORED: Final = 2000
 """Topics of other spaces that are published here; each costs a registration, and anybody may send new ones."""
@@ -172,8 +173,8 @@ class Outlets:
 
         What takes setpoints keeps one for a slow subscriber, the latest.
         """
-        mapping = dataset.sink_topic
-        assert mapping is not None
+        mapping = dataset.sink
+        assert isinstance(mapping, TopicMapping)
         paths = [field.path or name or "data" for name, field in dataset.all_fields().items()]
         outlet: Outlet | Dropped
         try:
@@ -231,8 +232,8 @@ class Outlets:
         return mirrored
 
     def _sink_outlet(self, mapping: TopicMapping, paths: list[str], queue_size: int) -> Outlet:
-        name = absolute(mapping.topic)
-        kind = needed_type(ros1_type_name(mapping.type.replace("/msg/", "/")))
+        name = mapping.own_topic
+        kind = needed_type(ros1_type_name(mapping.message_type))
         shared_kind, shared = self._shared.setdefault(name, (kind, kind.cls()))
         if shared_kind.name != kind.name:
             raise ConfigError(f"another sink has the type {shared_kind.name} for this topic, not {kind.name}")
@@ -246,11 +247,6 @@ class Outlets:
             self._send(outlet, values)
 
         return RateGate(rate_hz, self._loop, deliver, replaced)
-
-
-def absolute(topic: str) -> str:
-    """The name of a topic with its slash."""
-    return topic if topic.startswith("/") else f"/{topic}"
 
 
 def _type_for(topic: Topic, metadata: DataSetMetaData, named: Mapping[Topic, str]) -> tuple[MessageType, Form]:

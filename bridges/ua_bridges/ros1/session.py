@@ -10,18 +10,19 @@ from dataclasses import replace
 from ua_bridges.ros.delivered import Delivered, state_folder
 from ua_bridges.ros.form import named_types
 from ua_bridges.ros.served import Served
+from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_bridges.ros1.config import Ros1BridgeConfig
 from ua_bridges.ros1.feed import Feed, MappedFeed
 from ua_bridges.ros1.master import RosMaster
 from ua_bridges.ros1.memory import LatchMemory
 from ua_bridges.ros1.node import RosNode
 from ua_bridges.ros1.outlet import Outlet
-from ua_bridges.ros1.outlets import Outlets, absolute
+from ua_bridges.ros1.outlets import Outlets
 from ua_bridges.ros1.watch import Watch
 from ua_fleet.bridge.configured import configured_sinks, configured_sources
 from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Inlet
 from ua_fleet.bridge.offenders import Offenders
-from ua_fleet.config.schema import FleetConfig, TopicMapping
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.teleoperation import teleoperations
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
@@ -60,7 +61,7 @@ class Ros1Driver(Driver):
         mapped: dict[str, list[Feed]] = {}
         for source in self._sources:
             mapped_feed = MappedFeed(source.topic, source.config, source.name, inlet, loop)
-            mapped.setdefault(absolute(source.side.topic), []).append(mapped_feed)
+            mapped.setdefault(source.side.own_topic, []).append(mapped_feed)
         for sink in self._sinks:
             is_driven = sink.topic in self._driven
             outlets.add_sink(sink.topic, sink.name, sink.config, sink.order, takes_setpoints=is_driven)

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from ua_bridges.ros.fields import fields_of
 from ua_bridges.ros.latched import mark_latched
 from ua_bridges.ros.mapping import Follow, MappedSource
+from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_bridges.ros2.classes import MessageType
 from ua_bridges.ros2.serialized import flat_reader, message_reader
 from ua_fleet.bridge.driver import Dropped, Inlet, SampleRead, SourceFound, SourceLost
@@ -103,14 +104,14 @@ class MappedFeed:
         wake_at: Callable[[float], None],
     ) -> None:
         """`wake_at` is told when `release` wants to be called."""
-        assert dataset.source_topic is not None
+        assert isinstance(dataset.source, TopicMapping)
         self.topic = topic
-        self._name = dataset.source_topic.topic
+        self._name = dataset.source.topic
         self._mapped = MappedSource(dataset, browse_name)
         self._fields = tuple(make_field(name, builtin, array=array) for name, builtin, array in self._mapped.fields)
         self._put = inlet.put
         self._monotonic, self._wake_at = monotonic, wake_at
-        rate = dataset.source_topic.max_rate_hz
+        rate = dataset.source.max_rate_hz
         self._limit = RateLimit[SampleRead](rate) if rate is not None else None
 
     def found(self, kind: MessageType, latched: bool) -> None:

@@ -28,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from typing import Final, NamedTuple
 
-from ua_fleet.config.schema import QosConfig
+from ua_bridges.ros.topic_mapping import QosConfig
 
 __all__ = ["MIRROR", "QUEUE_DEPTH", "Offer", "Qos", "choose", "is_outdated", "sink_qos"]
 

@@ -18,6 +18,7 @@ from ua_bridges.ros.fields import is_same_type
 from ua_bridges.ros.form import Form, form_of, named_types, with_stamp
 from ua_bridges.ros.served import Served
 from ua_bridges.ros.sink import compile_sink
+from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_bridges.ros2.arrivals import Arrivals
 from ua_bridges.ros2.classes import MessageType, load_type, make
 from ua_bridges.ros2.config import Ros2BridgeConfig
@@ -25,13 +26,13 @@ from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.outlet import Make, Outlet, dropped_by
 from ua_bridges.ros2.qos import MIRROR, sink_qos
 from ua_bridges.ros2.thread import NodeThread
-from ua_bridges.ros2.watch import Listener, Watch, absolute
+from ua_bridges.ros2.watch import Listener, Watch
 from ua_fleet.bridge.configured import ConfiguredData, configured_sinks, configured_sources
 from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Inlet
 from ua_fleet.bridge.gate import RateGate
 from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.config.nodes import max_ages_of
-from ua_fleet.config.schema import FleetConfig, TopicMapping
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import FieldMissing, UaFleetError
 from ua_fleet.fleet.matching import FieldOrder
@@ -94,7 +95,7 @@ class Ros2Driver(Driver):
         """See Driver."""
         self._inlet = inlet
         self._loop = asyncio.get_running_loop()
-        written = {absolute(data.side.topic) for data in self._written}
+        written = {data.side.own_topic for data in self._written}
         folder = state_folder()
         self._delivered = Delivered(folder, *self._identity)
         self._served = Served(folder, *self._identity)
@@ -287,7 +288,7 @@ class Ros2Driver(Driver):
 
     def _shared_outlet(self, mapping: TopicMapping, kind: MessageType) -> Outlet:
         """The one publisher of a robot's topic, for all DataSets that are written to it."""
-        name = absolute(mapping.topic)
+        name = mapping.own_topic
         outlet = self._shared.get(name)
         if outlet is None:
             outlet = self._shared[name] = Outlet(name, kind, sink_qos(mapping.qos))

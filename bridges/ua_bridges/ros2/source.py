@@ -19,6 +19,7 @@ import structlog
 
 from ua_bridges.ros.errors import ConversionError, Unreadable
 from ua_bridges.ros.stamp import source_time_ns
+from ua_bridges.ros.topic_mapping import QosConfig
 from ua_bridges.ros2.arrivals import Arrivals
 from ua_bridges.ros2.classes import MessageType, load_type
 from ua_bridges.ros2.feed import Feed, Read
@@ -27,7 +28,6 @@ from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.qos import QUEUE_DEPTH, Qos, choose, is_outdated
 from ua_bridges.ros2.serialized import stamp_reader
 from ua_fleet.bridge.driver import Dropped, Inlet
-from ua_fleet.config.schema import QosConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import UaFleetError
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, Protocol
 
 from ua_bridges.ros.served import Served
+from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_bridges.ros2.config import Ros2BridgeConfig
 from ua_bridges.ros2.environment import PROFILES_VARIABLE
 from ua_bridges.ros2.feed import Feed, MappedFeed, MirrorFeed
@@ -30,12 +31,11 @@ from ua_bridges.ros2.sources import Sources
 from ua_fleet.bridge.configured import ConfiguredData
 from ua_fleet.bridge.driver import Dropped, Inlet
 from ua_fleet.bridge.offenders import Offenders
-from ua_fleet.config.schema import TopicMapping
 from ua_fleet.counters import Drop
 from ua_fleet.errors import BridgeUnavailable
 from ua_fleet.topics import Topic
 
-__all__ = ["Listener", "Watch", "absolute"]
+__all__ = ["Listener", "Watch"]
 
 _ATTEND_S: Final = 0.005
 """New publishers are looked at so often until their subscribers have matched."""
@@ -58,11 +58,6 @@ class Listener(Protocol):
     def looked(self) -> None:
         """The graph was looked at."""
         ...
-
-
-def absolute(topic_name: str) -> str:
-    """The full name of a topic."""
-    return topic_name if topic_name.startswith("/") else f"/{topic_name}"
 
 
 class Watch:
@@ -95,7 +90,7 @@ class Watch:
         self._inlet = inlet
         self._mapped: dict[str, list[Mapped]] = {}
         for each in mapped:
-            self._mapped.setdefault(absolute(each.side.topic), []).append(each)
+            self._mapped.setdefault(each.side.own_topic, []).append(each)
         self._written = written
         self._wake_at = wake_at
         self._listeners = {listener.name: listener for listener in listeners}

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 import yaml
+from ua_bridges.ros.topic_mapping import TopicMapping
 
 from ua_fleet.config.add_data import insert_data
 from ua_fleet.config.base import ScalarType
-from ua_fleet.config.schema import DataSetConfig, RobotConfig, TopicMapping
+from ua_fleet.config.schema import DataSetConfig, RobotConfig
 from ua_fleet.config.topics_seen import Addition, FieldSeen, TopicSeen, plan_additions
 from ua_fleet.errors import ConfigInvalid
 

@@ -461,7 +461,7 @@ BAD: list[tuple[str, str, list[str]]] = [
         + "      r: {id: 6, type: Double, origin: server, sink: {topic: cmd, type: std_msgs/Float64}}\n",
         [
             (
-                "F:11:robots.ned.data.r.sink.topic: data of /cmd is written by robots.ned.data.q already (line 10); "
+                "F:11:robots.ned.data.r.sink.topic: data of /cmd is written by robots.ned.data.q already; "
                 "give one of them another `path` or topic"
             )
         ],

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import pytest
 from pydantic import BaseModel
+from ua_bridges.ros.topic_mapping import QosConfig, TopicMapping
 
 from tests.unit.docs.pages import ROOT, Block, blocks
 from ua_fleet.config import load
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.reference import BEGIN, END, put_between, reference
-from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FieldConfig, FleetConfig, QosConfig, TopicMapping
+from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FieldConfig, FleetConfig
 
 PAGE = ROOT / "docs" / "fleet-yaml.md"
 

@@ -6,10 +6,10 @@ import math
 from typing import Any
 
 import pytest
+from ua_bridges.ros.topic_mapping import TopicMapping
 
 from tests.unit.fleet.fleet_of import BOOLEAN, DOUBLE, STATUS, STRING, fleet_config, key
 from ua_fleet.config.nodes import fleet_model
-from ua_fleet.config.schema import TopicMapping
 from ua_fleet.fleet import Commands, Publication
 from ua_fleet.pubsub.metadata import first_property
 from ua_fleet.topics import Topic

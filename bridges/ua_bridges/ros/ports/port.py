@@ -13,9 +13,9 @@ from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
 from ua_bridges.ros.schema import MessageSchema
 from ua_bridges.ros.skills import SkillSpec
+from ua_bridges.ros.topic_mapping import QosConfig
 from ua_fleet.bridge.driver import DriverEvent, Execution
 from ua_fleet.bridge.executing import Ended, Executing, Open, halted
-from ua_fleet.config.schema import QosConfig
 from ua_fleet.errors import RobotOffline, SkillRejected, UaFleetError
 from ua_fleet.values import StatusCode
 

@@ -23,9 +23,9 @@ from ua_bridges.ros.skill_json import (
     suspend_text,
 )
 from ua_bridges.ros.skills import SkillSpec
+from ua_bridges.ros.topic_mapping import QosConfig
 from ua_fleet.bridge.driver import DriverEvent, Dropped, Execution
 from ua_fleet.bridge.executing import Executing, Open
-from ua_fleet.config.schema import QosConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import SkillRejected
 

@@ -11,6 +11,7 @@ from typing import Any
 from ua_bridges.ros.ports.port import Listened, SkillGraph, SkillPort
 from ua_bridges.ros.skill_values import RequestFiller, StatusReader, fill_constants
 from ua_bridges.ros.skills import SkillSpec, TopicSkill
+from ua_bridges.ros.topic_mapping import absolute
 from ua_fleet.bridge.driver import DriverEvent, Dropped, Execution
 from ua_fleet.bridge.executing import Ended, Executing, Open, halted
 from ua_fleet.counters import Drop
@@ -18,10 +19,6 @@ from ua_fleet.scenario.expression import ValueUnknown
 from ua_fleet.values import Quality, StatusCode, quality_of
 
 __all__ = ["TopicPort"]
-
-
-def _absolute(name: str) -> str:
-    return name if name.startswith("/") else f"/{name}"
 
 
 class TopicPort(SkillPort[SkillGraph]):
@@ -32,9 +29,9 @@ class TopicPort(SkillPort[SkillGraph]):
     ) -> None:
         super().__init__(spec, executing, put)
         self._way = way
-        self._name = _absolute(way.topic)
+        self._name = absolute(way.topic)
         self._source = (
-            "" if way.status is None else f"{_absolute(way.status.topic)} has no publisher; start the robot's node"
+            "" if way.status is None else f"{absolute(way.status.topic)} has no publisher; start the robot's node"
         )
         if way.halt is None:
             self.cannot_stop = f"fleet.yaml does not say how {spec.robot}.{spec.name} is stopped; give `via.topic.halt`"
@@ -61,7 +58,7 @@ class TopicPort(SkillPort[SkillGraph]):
         status = self._way.status
         if status is None:
             return ()
-        return (Listened(_absolute(status.topic), status.type, status.qos, self._heard, self._source_changed),)
+        return (Listened(absolute(status.topic), status.type, status.qos, self._heard, self._source_changed),)
 
     def _source_changed(self, problem: str) -> None:
         self._source = problem

@@ -19,11 +19,10 @@ from typing import Any, Final
 from ua_bridges.ros.ports import Listened, SkillPort
 from ua_bridges.ros.skill_values import Condition, RequestFiller, ResponseReader
 from ua_bridges.ros.skills import ActionSkill, SkillSpec
-from ua_bridges.ros1.outlets import absolute
+from ua_bridges.ros.topic_mapping import QosConfig, absolute
 from ua_bridges.ros1.skills.graph import Ros1Graph, ros1_name
 from ua_fleet.bridge.driver import DriverEvent, Execution
 from ua_fleet.bridge.executing import Ended, Executing, Open, ended_text
-from ua_fleet.config.schema import QosConfig
 from ua_fleet.values import StatusCode
 
 __all__ = ["ActionPort"]

@@ -10,6 +10,7 @@ import rospy
 
 from ua_bridges.ros.ports import LoadedType
 from ua_bridges.ros.schema import ros1_type_name
+from ua_bridges.ros.topic_mapping import QosConfig
 from ua_bridges.ros1.classes import TypeUnavailable, needed_type
 from ua_bridges.ros1.feed import schema_of
 from ua_bridges.ros1.master import SystemState
@@ -17,7 +18,6 @@ from ua_bridges.ros1.outlet import QUEUE_SIZE
 from ua_bridges.ros1.subscribers import SubscriberLink, links_of
 from ua_bridges.ros1.tcpros import SILENT_S
 from ua_fleet.bridge.driver import DriverEvent, Dropped
-from ua_fleet.config.schema import QosConfig
 from ua_fleet.counters import Drop
 from ua_fleet.printing import harmless
 

@@ -23,9 +23,9 @@ from ua_bridges.ros.ports import SkillPort
 from ua_bridges.ros.schema import schema_from_definition
 from ua_bridges.ros.skill_values import RequestFiller, ResponseReader
 from ua_bridges.ros.skills import ServiceSkill, SkillSpec
+from ua_bridges.ros.topic_mapping import absolute
 from ua_bridges.ros1.classes import needed_service, response_layout
 from ua_bridges.ros1.master import RosMaster
-from ua_bridges.ros1.outlets import absolute
 from ua_bridges.ros1.skills.exchange import CallFailed, CallLost, NotAsked, exchange
 from ua_bridges.ros1.skills.graph import Ros1Graph, ros1_name
 from ua_fleet.bridge.driver import DriverEvent, Execution

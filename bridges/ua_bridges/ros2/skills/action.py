@@ -18,10 +18,10 @@ from typing import Any, Final
 from ua_bridges.ros.ports import SkillPort
 from ua_bridges.ros.skill_values import Condition, RequestFiller, ResponseReader
 from ua_bridges.ros.skills import ActionSkill, SkillSpec
+from ua_bridges.ros.topic_mapping import absolute
 from ua_bridges.ros2.qos import Qos
 from ua_bridges.ros2.skills.calls import Calls
 from ua_bridges.ros2.skills.graph import Ros2Graph, find_type, part_schema
-from ua_bridges.ros2.watch import absolute
 from ua_fleet.bridge.driver import DriverEvent, Execution
 from ua_fleet.bridge.executing import Ended, Executing, Open
 from ua_fleet.values import StatusCode

@@ -9,11 +9,11 @@ from typing import Any, Final, Literal
 
 from ua_bridges.ros.ports import LoadedType
 from ua_bridges.ros.schema import MessageSchema, schema_from_ros2
+from ua_bridges.ros.topic_mapping import QosConfig
 from ua_bridges.ros2.classes import TypeMissing, load_type
 from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.qos import Qos, sink_qos
 from ua_fleet.bridge.driver import DriverEvent, Dropped
-from ua_fleet.config.schema import QosConfig
 from ua_fleet.counters import Drop
 
 __all__ = ["Ros2Graph", "find_type", "part_schema"]

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 from ua_bridges.ros.mapping import MappedSource, cast_scalar, compile_path
+from ua_bridges.ros.topic_mapping import TopicMapping
 
-from ua_fleet.config.schema import DataSetConfig, FieldConfig, ScalarType, TopicMapping
+from ua_fleet.config.schema import DataSetConfig, FieldConfig, ScalarType
 from ua_fleet.values import BuiltinType, StatusCode, Variant, ticks_from_unix_ns
 
 NAN = math.nan

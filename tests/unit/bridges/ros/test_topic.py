@@ -9,11 +9,11 @@ import pytest
 from ua_bridges.ros.ports.port import LoadedType
 from ua_bridges.ros.ports.topic import TopicPort
 from ua_bridges.ros.skills import TopicSkill
+from ua_bridges.ros.topic_mapping import QosConfig
 
 from tests.unit.bridges.ros.skill_fakes import SCHEMA, spec_of, state
 from ua_fleet.bridge.driver import DriverEvent, Execution, ExecutionEnded, ExecutionForgotten
 from ua_fleet.bridge.executing import HALTED_S, Executing
-from ua_fleet.config.schema import QosConfig
 from ua_fleet.values import StatusCode
 
 ID = bytes(range(16))

@@ -9,9 +9,10 @@ from typing import Any, Literal
 
 import pytest
 from ua_bridges.ros import installed
+from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_bridges.ros.type_checks import message_type_findings
 
-from ua_fleet.config.schema import DataSetConfig, RobotConfig, TopicMapping
+from ua_fleet.config.schema import DataSetConfig, RobotConfig
 
 ODOMETRY = """float64[36] covariance
 string child_frame_id

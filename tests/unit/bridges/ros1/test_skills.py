@@ -22,6 +22,7 @@ from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray  # type: igno
 from std_srvs.srv import SetBool
 from ua_bridges.ros.ports import Listened, LoadedType
 from ua_bridges.ros.skills import ActionSkill, RosSkillMapping, ServiceSkill, SkillSpec
+from ua_bridges.ros.topic_mapping import QosConfig
 from ua_bridges.ros1.classes import TypeUnavailable, needed_service, needed_type
 from ua_bridges.ros1.feed import schema_of
 from ua_bridges.ros1.master import RosMaster, SystemState
@@ -40,7 +41,7 @@ from ua_fleet.bridge.driver import (
     ExecutionProgressed,
 )
 from ua_fleet.bridge.executing import Executing
-from ua_fleet.config.schema import QosConfig, SkillConfig
+from ua_fleet.config.schema import SkillConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import SkillRejected
 from ua_fleet.topics import Topic

@@ -15,6 +15,7 @@ pytest.importorskip("rospy", reason="needs the Python that has rospy")
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Header, String
 from ua_bridges.ros.latched import is_latched
+from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_bridges.ros1.feed import MappedFeed, MirrorFeed
 from ua_bridges.ros1.memory import LatchMemory
 from ua_bridges.ros1.source import MOST_LINKS, RosSource
@@ -22,7 +23,7 @@ from ua_bridges.ros1.tcpros import Broken
 
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
 from ua_fleet.bridge.offenders import Offenders
-from ua_fleet.config.schema import DataSetConfig, ScalarType, TopicMapping
+from ua_fleet.config.schema import DataSetConfig, ScalarType
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode, Variant

@@ -3,9 +3,8 @@ from __future__ import annotations
 import itertools
 
 import pytest
+from ua_bridges.ros.topic_mapping import QosConfig
 from ua_bridges.ros2.qos import MIRROR, QUEUE_DEPTH, Offer, Qos, choose, is_outdated, sink_qos
-
-from ua_fleet.config.schema import QosConfig
 
 A, B = b"a", b"b"
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from ua_bridges.ros.topic_mapping import QosConfig, TopicMapping
 from ua_bridges.ros2.arrivals import Arrivals
 from ua_bridges.ros2.feed import MappedFeed, MirrorFeed
 from ua_bridges.ros2.qos import QUEUE_DEPTH, Qos
@@ -10,7 +11,7 @@ from ua_bridges.ros2.source import GONE_S, RosSource
 
 from tests.unit.bridges.ros2.fakes import FakeNode, Recorder, fake_type, publisher
 from ua_fleet.bridge.driver import SampleRead, SourceFound
-from ua_fleet.config.schema import DataSetConfig, QosConfig, ScalarType, TopicMapping
+from ua_fleet.config.schema import DataSetConfig, ScalarType
 from ua_fleet.errors import UaFleetError
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode, Variant

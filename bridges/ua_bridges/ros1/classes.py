@@ -22,6 +22,7 @@ from typing import Any, Final, NamedTuple
 import genpy.dynamic
 import genpy.message
 
+from ua_bridges.ros.schema import MessageSchema, schema_from_definition
 from ua_bridges.ros1.layout import Layout, TooMany, layout_of
 from ua_fleet.errors import UaFleetError
 from ua_fleet.values import StatusCode
@@ -71,6 +72,7 @@ _CONSTANT = re.compile(
     re.ASCII,
 )
 _SEPARATOR = "=" * 80
+_HEADER: Final = "std_msgs/Header"
 _TIMES: dict[str, type[Any]] = {"time": genpy.Time, "duration": genpy.Duration}
 
 
@@ -127,7 +129,7 @@ def sanitized(definition: str) -> str:
 
 
 class MessageType(NamedTuple):
-    """A ROS 1 message type of this process."""
+    """A ROS 1 message type of this process. See `ua_bridges.ros.serialized.MessageKind`."""
 
     name: str
     cls: type[Any]
@@ -140,6 +142,21 @@ class MessageType(NamedTuple):
     def definition(self) -> str:
         """The full definition, with the types that it needs."""
         return str(self.cls._full_text)  # noqa: SLF001 - genpy's name for it
+
+    @property
+    def schema(self) -> MessageSchema:
+        """See MessageKind."""
+        return schema_from_definition(self.name, self.definition)
+
+    @property
+    def header(self) -> str | None:
+        """See MessageKind."""
+        types: list[str] = list(self.cls._slot_types)  # noqa: SLF001 - genpy's name for it
+        return str(self.cls.__slots__[types.index(_HEADER)]) if _HEADER in types else None
+
+    def message_reader(self) -> Callable[[bytes], Any]:
+        """See MessageKind; it raises what genpy raises."""
+        return lambda content: self.cls().deserialize(content)
 
     @property
     def md5sum(self) -> str:

@@ -17,7 +17,6 @@ import rospy
 from ua_bridges.ros.codec import compile_encoder
 from ua_bridges.ros.convert import compile_writer
 from ua_bridges.ros1.classes import MessageType
-from ua_bridges.ros1.feed import schema_of
 
 __all__ = ["QUEUE_SIZE", "Outlet"]
 
@@ -91,11 +90,11 @@ class Outlet:
         """
         self.name = name
         self.kind = kind
-        self._fill = compile_writer(schema_of(kind), tuple(fields), kind.make, partial=shared is not None)
+        self._fill = compile_writer(kind.schema, tuple(fields), kind.make, partial=shared is not None)
         self._shared = shared
         self._make = kind.cls
         explain = partial(self._fill, kind.cls())
-        self._encode = compile_encoder(schema_of(kind), tuple(fields), explain) if shared is None else None
+        self._encode = compile_encoder(kind.schema, tuple(fields), explain) if shared is None else None
         published = kind.cls
         if self._encode is not None:
             published = self._make = _serialized_class(kind)

@@ -21,7 +21,6 @@ from ua_bridges.ros.latched import is_latched
 from ua_bridges.ros.schema import ros1_type_name
 from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_bridges.ros1.classes import MessageType, installed_type, needed_type, type_from_definition
-from ua_bridges.ros1.feed import schema_of
 from ua_bridges.ros1.outlet import QUEUE_SIZE, Outlet
 from ua_fleet.bridge.driver import Dropped, Inlet
 from ua_fleet.bridge.gate import RateGate
@@ -256,4 +255,4 @@ def _type_for(topic: Topic, metadata: DataSetMetaData, named: Mapping[Topic, str
     if installed_type(type_name) is None and form.definition is not None:
         return type_from_definition(type_name, form.definition), form
     kind = needed_type(type_name)
-    return kind, with_stamp(form, schema_of(kind))
+    return kind, with_stamp(form, kind.schema)

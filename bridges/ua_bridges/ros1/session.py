@@ -8,11 +8,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from ua_bridges.ros.delivered import Delivered, state_folder
+from ua_bridges.ros.feed import Feed, MappedFeed
 from ua_bridges.ros.form import named_types
 from ua_bridges.ros.served import Served
 from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_bridges.ros1.config import Ros1BridgeConfig
-from ua_bridges.ros1.feed import Feed, MappedFeed
 from ua_bridges.ros1.master import RosMaster
 from ua_bridges.ros1.memory import LatchMemory
 from ua_bridges.ros1.node import RosNode
@@ -60,8 +60,7 @@ class Ros1Driver(Driver):
         self._outlets = outlets = Outlets(inlet, loop, self._delivered, self._outlets_changed, self._named)
         mapped: dict[str, list[Feed]] = {}
         for source in self._sources:
-            mapped_feed = MappedFeed(source.topic, source.config, source.name, inlet, loop)
-            mapped.setdefault(source.side.own_topic, []).append(mapped_feed)
+            mapped.setdefault(source.side.own_topic, []).append(MappedFeed(source, inlet, loop))
         for sink in self._sinks:
             is_driven = sink.topic in self._driven
             outlets.add_sink(sink.topic, sink.name, sink.config, sink.order, takes_setpoints=is_driven)

@@ -13,8 +13,11 @@ from typing import Final, NamedTuple
 import genpy
 
 from ua_bridges.ros.errors import ConversionError, Unreadable
+from ua_bridges.ros.feed import Feed, Read
+from ua_bridges.ros.schema import ros1_type_name
+from ua_bridges.ros.serialized import flat_reader, stamp_reader
+from ua_bridges.ros.stamp import source_time_ns
 from ua_bridges.ros1.classes import type_of_publisher
-from ua_bridges.ros1.feed import Feed, Read, flat_reader
 from ua_bridges.ros1.graph import LinkRetry
 from ua_bridges.ros1.layout import Layout, TooMany
 from ua_bridges.ros1.link import Link
@@ -50,6 +53,8 @@ class _Reading(NamedTuple):
     key: tuple[str, str]
     layout: Layout
     reads: tuple[Read, ...]
+    stamp: Callable[[bytes], int] | None
+    """Reads the robot's own time; None where the messages have none, or nobody needs it."""
 
 
 class _Taken:
@@ -112,7 +117,7 @@ class RosSource:
         self._feeds = feeds
         self._topic = next((feed.topic for feed in feeds if feed.topic is not None), None)
         """Of the DataSet by which a latched message is remembered."""
-        self._wanted = frozenset(feed.wanted_type for feed in feeds if feed.wanted_type is not None)
+        self._wanted = frozenset(ros1_type_name(feed.wanted_type) for feed in feeds if feed.wanted_type is not None)
         """The types that `fleet.yaml` gives the topic; empty where it is its publishers' to say."""
         self._node_name, self._inlet, self._offenders, self._make_link = node_name, inlet, offenders, make_link
         self._retry = LinkRetry()
@@ -215,8 +220,9 @@ class RosSource:
             received_ns = self._memory.time_of(self._topic, content, taken.endpoint, received_ns, first=self._is_first)
         if not taken.own:
             self._is_first = False
+        time_ns = received_ns if reading.stamp is None else source_time_ns(reading.stamp(content), received_ns)
         for read in reading.reads:
-            read(content, received_ns, taken.own)
+            read(content, time_ns, taken.own)
 
     def link_ended(self, link: Link, offence: str | None) -> None:
         """See LinkOwner."""
@@ -255,7 +261,8 @@ class RosSource:
                 self._count_change(key)
             try:
                 kind = type_of_publisher(*key, header.get("message_definition", ""))
-                reading = _Reading(key, kind.layout, tuple(feed.reader(kind) for feed in self._feeds))
+                reads = tuple(feed.reader(kind) for feed in self._feeds)
+                reading = _Reading(key, kind.layout, reads, None if self._topic is None else stamp_reader(kind))
                 if not own:
                     for feed in self._feeds:
                         feed.announce(kind, header.get("latching") == "1")

@@ -17,8 +17,8 @@ from typing import Any, Final
 
 import structlog
 
+from ua_bridges.ros.feed import Feed, MirrorFeed
 from ua_bridges.ros.served import Served
-from ua_bridges.ros1.feed import Feed, MirrorFeed
 from ua_bridges.ros1.graph import GraphWatch, unregistered
 from ua_bridges.ros1.master import RosMaster, SystemState
 from ua_bridges.ros1.memory import LatchMemory

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
@@ -38,11 +39,11 @@ class Arrivals:
         """
         self._put, self._max_wait_s, self._wall_ns = inlet.put, max_wait_s, wall_ns
         self._max_ages = max_ages or {}
-        self._waited_s = 0.0
+        self._waited_s, self._thread = 0.0, 0
 
     def put(self, event: DriverEvent) -> None:
-        """See Inlet."""
-        if self._waited_s and type(event) is SampleRead:
+        """See Inlet. What a rate limit hands on later, in another thread, has waited for its turn alone."""
+        if self._waited_s and type(event) is SampleRead and threading.get_ident() == self._thread:
             event = event._replace(waited_s=self._waited_s)
         self._put(event)
 
@@ -55,7 +56,8 @@ class Arrivals:
     def begin(self, received_ns: int, max_wait_s: float) -> bool:
         """A message that the middleware received at that time is read from now on; whether it is too old."""
         waited_s = (self._wall_ns() - received_ns) / 1e9
-        self._waited_s = waited_s if waited_s >= _AT_ONCE_S else 0.0
+        if waited_s >= _AT_ONCE_S:
+            self._waited_s, self._thread = waited_s, threading.get_ident()
         return waited_s > max_wait_s
 
     def end(self) -> None:

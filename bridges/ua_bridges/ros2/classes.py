@@ -5,10 +5,13 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+from collections.abc import Callable
 from functools import cache
 from typing import Any, Final, Literal, NamedTuple
 
+from ua_bridges.ros.errors import Unreadable
 from ua_bridges.ros.schema import MessageSchema, schema_from_ros2
+from ua_bridges.ros2.elements import Elements
 from ua_fleet.errors import UaFleetError
 from ua_fleet.values import StatusCode
 
@@ -31,7 +34,7 @@ class TypeMissing(UaFleetError):
 
 
 class MessageType(NamedTuple):
-    """An installed type. `cls` is typed as anything, since ROS has no types."""
+    """An installed type, a `MessageKind`. `cls` is typed as anything, since ROS has no types."""
 
     name: str
     """`pkg/Name`."""
@@ -39,6 +42,30 @@ class MessageType(NamedTuple):
     schema: MessageSchema
     has_header: bool
     """Whether a Header named `header` stands at the top level."""
+
+    @property
+    def header(self) -> str | None:
+        """See MessageKind."""
+        return "header" if self.has_header else None
+
+    @property
+    def definition(self) -> None:
+        """See MessageKind: messages of ROS 2 are read by their fields alone."""
+
+    def message_reader(self) -> Callable[[bytes], Any]:
+        """See MessageKind."""
+        elements = Elements(self.schema)
+
+        def read(content: bytes) -> Any:
+            from rclpy.serialization import deserialize_message
+
+            elements.check(content)
+            try:
+                return deserialize_message(content, self.cls)
+            except (RuntimeError, MemoryError, ValueError) as error:  # rclpy's RMWError is a RuntimeError
+                raise Unreadable(self.name, " ".join(str(error).split())) from error
+
+        return read
 
 
 def _find_class(ros_type: str) -> Any:

@@ -106,6 +106,7 @@ class Ros2Driver(Driver):
             self._mapped,
             written,
             self._served,
+            self._loop,
             self._thread.wake_at,
             self._offenders,
             self._listened(inlet),

@@ -18,15 +18,15 @@ from typing import Any, Final
 import structlog
 
 from ua_bridges.ros.errors import ConversionError, Unreadable
+from ua_bridges.ros.feed import Feed, Read
+from ua_bridges.ros.serialized import stamp_reader
 from ua_bridges.ros.stamp import source_time_ns
 from ua_bridges.ros.topic_mapping import QosConfig
 from ua_bridges.ros2.arrivals import Arrivals
 from ua_bridges.ros2.classes import MessageType, load_type
-from ua_bridges.ros2.feed import Feed, Read
 from ua_bridges.ros2.graph import Publisher
 from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.qos import QUEUE_DEPTH, Qos, choose, is_outdated
-from ua_bridges.ros2.serialized import stamp_reader
 from ua_fleet.bridge.driver import Dropped, Inlet
 from ua_fleet.counters import Drop
 from ua_fleet.errors import UaFleetError
@@ -129,7 +129,7 @@ class RosSource:
             latched = bool(offers) and all(offer.transient_local for offer in offers)
             try:
                 for feed in self._feeds:
-                    feed.found(kind, latched)
+                    feed.announce(kind, latched)
             except UaFleetError as error:
                 if told := self._tell_once(f"{self.name}: {error}"):
                     self._put(Dropped(Drop.TYPE_MISSING, detail=told))
@@ -193,7 +193,7 @@ class RosSource:
                 if stamp is not None:
                     time_ns = source_time_ns(stamp(content), time_ns)
                 for read in reads:
-                    read(content, time_ns)
+                    read(content, time_ns, False)  # a node of ROS 2 does not hear itself
                 self._bad = 0
             except ConversionError as error:
                 self._put(Dropped(Drop.CONVERSION, detail=self._tell_once(f"{self.name}: {error}")))
@@ -241,7 +241,7 @@ class RosSource:
         is_gone = not self._found
         if is_gone:  # its publisher came and went between two looks
             for feed in self._feeds:
-                feed.found(self._kind, self._qos.transient_local)
+                feed.announce(self._kind, self._qos.transient_local)
             self._found = True
         on_message = self._make_callback(self._kind)
         for pair in early:
@@ -253,11 +253,6 @@ class RosSource:
     def is_waiting(self) -> bool:
         """Whether messages wait for a look at the graph."""
         return bool(self._early) or self._overdue is not None
-
-    def release(self, now: float) -> float | None:
-        """Hand on what has waited for its turn under a rate limit; when to ask again."""
-        due = [when for feed in self._feeds if (when := feed.release(now)) is not None]
-        return min(due) if due else None
 
     def _lose(self) -> None:
         if self._found:

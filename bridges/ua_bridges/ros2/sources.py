@@ -45,10 +45,6 @@ class Source(Protocol):
         """The graph was looked at."""
         ...
 
-    def release(self, now: float) -> float | None:
-        """Hand on what is due; when to ask again."""
-        ...
-
     def close(self) -> None:
         """End it."""
         ...
@@ -114,19 +110,6 @@ class Sources:
                 self._put_aside(name, source.offence)
         self._forget(now)
         return bool(self._changes)
-
-    def release(self, now: float) -> float | None:
-        """Hand on what has waited for its turn under rate limits; when to ask again."""
-        due: float | None = None
-        for name, source in list(self._sources.items()):
-            try:
-                when = source.release(now)
-            except Exception as error:  # noqa: BLE001 - one topic, one mistake
-                self._failed(name, error)
-                continue
-            if when is not None:
-                due = when if due is None else min(due, when)
-        return due
 
     def close(self) -> None:
         """End all of them."""

@@ -3,15 +3,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, Protocol
 
+from ua_bridges.ros.feed import Feed, Mapped, MappedFeed, MirrorFeed
 from ua_bridges.ros.served import Served
-from ua_bridges.ros.topic_mapping import TopicMapping
 from ua_bridges.ros2.config import Ros2BridgeConfig
 from ua_bridges.ros2.environment import PROFILES_VARIABLE
-from ua_bridges.ros2.feed import Feed, MappedFeed, MirrorFeed
 from ua_bridges.ros2.graph import (
     LOOK_S,
     MOST_TOPICS,
@@ -28,7 +28,6 @@ from ua_bridges.ros2.node import Ros2Node, guarded
 from ua_bridges.ros2.outlet import Outlet, dropped_by
 from ua_bridges.ros2.source import RosSource
 from ua_bridges.ros2.sources import Sources
-from ua_fleet.bridge.configured import ConfiguredData
 from ua_fleet.bridge.driver import Dropped, Inlet
 from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.counters import Drop
@@ -40,9 +39,6 @@ __all__ = ["Listener", "Watch"]
 _ATTEND_S: Final = 0.005
 """New publishers are looked at so often until their subscribers have matched."""
 _LATE_S: Final = 0.2
-
-Mapped = ConfiguredData[TopicMapping]
-"""A DataSet that is read from a robot's own topic."""
 
 
 class Listener(Protocol):
@@ -70,6 +66,7 @@ class Watch:
         mapped: Iterable[Mapped],
         written: set[str],
         served: Served,
+        loop: asyncio.AbstractEventLoop,
         wake_at: Callable[[float], None],
         offenders: Offenders,
         listeners: Iterable[Listener] = (),
@@ -82,6 +79,7 @@ class Watch:
             mapped: DataSets that are read from robots' own topics.
             written: full names of the robots' own topics that the bridge publishes to.
             served: whom the bridge before this one had served.
+            loop: has the timers of rate limits.
             wake_at: has `turn` called no later.
             offenders: the topics that are put aside.
             listeners: who listens to topics that are no data sources by being listened to.
@@ -92,7 +90,7 @@ class Watch:
         for each in mapped:
             self._mapped.setdefault(each.side.own_topic, []).append(each)
         self._written = written
-        self._wake_at = wake_at
+        self._loop, self._wake_at = loop, wake_at
         self._listeners = {listener.name: listener for listener in listeners}
         self._offenders = offenders
         self._graph = GraphWatch(config.space, {*self._mapped, *self._listeners})
@@ -124,10 +122,7 @@ class Watch:
         return RosSource(name, [feed], self._node, self._inlet, self.look_soon)
 
     def _make_mapped_source(self, name: str, datasets: list[Mapped]) -> RosSource:
-        feeds: list[Feed] = [
-            MappedFeed(data.topic, data.config, data.name, self._inlet, time.monotonic, self._wake_at)
-            for data in datasets
-        ]
+        feeds: list[Feed] = [MappedFeed(data, self._inlet, self._loop) for data in datasets]
         first = datasets[0].side
         return RosSource(name, feeds, self._node, self._inlet, self.look_soon, wanted_type=first.type, qos=first.qos)
 
@@ -140,9 +135,6 @@ class Watch:
             pause_s = LOOK_S if now < self._changed_at + QUIET_AFTER_S else QUIET_LOOK_S
             self._look_at = min(self._look_at, now + pause_s)
         due = self._look_at
-        when = self._sources.release(now)
-        if when is not None:
-            due = min(due, when)
         if self._opening:
             self._opening = [outlet for outlet in self._opening if not self._attend(outlet, now)]
             if self._opening:

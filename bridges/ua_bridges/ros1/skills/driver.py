@@ -6,9 +6,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable, Mapping, Sequence
 
+from ua_bridges.ros.feed import Feed
 from ua_bridges.ros.ports import RobotSkills, SkilledDriver, port_maker
 from ua_bridges.ros.skills import SkillSpec
-from ua_bridges.ros1.feed import Feed
 from ua_bridges.ros1.master import SystemState
 from ua_bridges.ros1.node import RosNode
 from ua_bridges.ros1.session import Ros1Driver

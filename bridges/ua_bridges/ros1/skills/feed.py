@@ -9,9 +9,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
+from ua_bridges.ros.feed import Read
 from ua_bridges.ros.ports import Listened
-from ua_bridges.ros1.classes import MessageType
-from ua_bridges.ros1.feed import Read, message_reader
+from ua_bridges.ros.serialized import MessageKind
 from ua_bridges.ros1.skills.graph import ros1_name
 from ua_fleet.bridge.driver import DriverEvent, Dropped
 from ua_fleet.counters import Drop
@@ -25,7 +25,7 @@ MOST_WAITING_BYTES: Final = 16 << 20
 
 
 class SkillFeed:
-    """See `ua_bridges.ros1.feed.Feed`. A topic that floods pushes out its own messages alone."""
+    """See `ua_bridges.ros.feed.Feed`. A topic that floods pushes out its own messages alone."""
 
     topic = None
 
@@ -47,21 +47,27 @@ class SkillFeed:
         self._steps = 0
         """That are to be done in the skills' thread: one for each message that waits, or more."""
 
-    def announce(self, kind: MessageType, latched: bool) -> None:
+    def announce(self, kind: MessageKind, latched: bool) -> None:
         """See Feed."""
-        name, wanted = self._listened.name, self.wanted_type
-        said = "" if kind.name == wanted else f"{name} carries {kind.name}, and not {wanted}; correct `type`"
-        self._call(partial(self._listened.source, said))
+        if kind.name == self.wanted_type:
+            self._call(partial(self._listened.source, ""))
+        else:
+            self.mistyped(kind.name, 0)
 
-    def reader(self, kind: MessageType) -> Read:
+    def reader(self, kind: MessageKind) -> Read:
         """See Feed."""
-        is_wanted, message = kind.name == self.wanted_type, message_reader(kind)
+        is_wanted, message = kind.name == self.wanted_type, kind.message_reader()
 
-        def read(content: bytes, received_ns: int, own: bool) -> None:
+        def read(content: bytes, time_ns: int, own: bool) -> None:
             if is_wanted and not own:
                 self._keep(len(content), message(content))
 
         return read
+
+    def mistyped(self, ros_type: str, time_ns: int) -> None:
+        """See Feed."""
+        said = f"{self._listened.name} carries {ros_type}, and not {self.wanted_type}; correct `type`"
+        self._call(partial(self._listened.source, said))
 
     def lost(self) -> None:
         """See Feed."""

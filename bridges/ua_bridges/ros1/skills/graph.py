@@ -12,7 +12,6 @@ from ua_bridges.ros.ports import LoadedType
 from ua_bridges.ros.schema import ros1_type_name
 from ua_bridges.ros.topic_mapping import QosConfig
 from ua_bridges.ros1.classes import TypeUnavailable, needed_type
-from ua_bridges.ros1.feed import schema_of
 from ua_bridges.ros1.master import SystemState
 from ua_bridges.ros1.outlet import QUEUE_SIZE
 from ua_bridges.ros1.subscribers import SubscriberLink, links_of
@@ -104,7 +103,7 @@ class Ros1Graph:
     def load(self, ros_type: str) -> LoadedType:
         """See SkillGraph."""
         kind = needed_type(ros1_name(ros_type))
-        return LoadedType(kind.cls, schema_of(kind))
+        return LoadedType(kind.cls, kind.schema)
 
     def speak(self, name: str, ros_type: str, qos: QosConfig) -> _Spoken:
         """See SkillGraph. ROS 1 has no quality of service."""

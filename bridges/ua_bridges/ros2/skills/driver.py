@@ -6,13 +6,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
+from ua_bridges.ros.feed import Read
 from ua_bridges.ros.ports import Listened, RobotSkills, SkilledDriver, port_maker
+from ua_bridges.ros.serialized import MessageKind
 from ua_bridges.ros.skills import SkillSpec
-from ua_bridges.ros2.classes import MessageType
-from ua_bridges.ros2.feed import Read
 from ua_bridges.ros2.graph import LOOK_S, QUIET_LOOK_S
 from ua_bridges.ros2.node import Ros2Node
-from ua_bridges.ros2.serialized import message_reader
 from ua_bridges.ros2.session import Ros2Driver
 from ua_bridges.ros2.skills.action import ActionPort
 from ua_bridges.ros2.skills.ears import Ear
@@ -28,36 +27,32 @@ __all__ = ["SkilledRos2Driver"]
 
 
 class _SkillFeed:
-    """What a port hears; see `ua_bridges.ros2.feed.Feed`."""
+    """What a port hears; see `ua_bridges.ros.feed.Feed`."""
 
     topic = None
 
     def __init__(self, listened: Listened) -> None:
-        self._listened, self._wanted = listened, listened.type.replace("/msg/", "/")
+        self._listened, self.wanted_type = listened, listened.type.replace("/msg/", "/")
 
-    def found(self, kind: MessageType, latched: bool) -> None:
+    def announce(self, kind: MessageKind, latched: bool) -> None:
         """See Feed."""
-        if kind.name == self._wanted:
+        if kind.name == self.wanted_type:
             self._listened.source("")
         else:
             self.mistyped(kind.name, 0)
 
-    def reader(self, kind: MessageType) -> Read:
+    def reader(self, kind: MessageKind) -> Read:
         """See Feed."""
         heard = self._listened.heard
-        if kind.name != self._wanted:
-            return lambda content, time_ns: None
-        message = message_reader(kind)
-        return lambda content, time_ns: heard(message(content))
+        if kind.name != self.wanted_type:
+            return lambda content, time_ns, own: None
+        message = kind.message_reader()
+        return lambda content, time_ns, own: heard(message(content))
 
     def mistyped(self, ros_type: str, time_ns: int) -> None:
         """See Feed."""
-        name, wanted = self._listened.name, self._wanted
+        name, wanted = self._listened.name, self.wanted_type
         self._listened.source(f"{name} carries {ros_type.replace('/msg/', '/')}, and not {wanted}; correct `type`")
-
-    def release(self, now: float) -> float | None:
-        """Nothing waits."""
-        return None
 
     def lost(self) -> None:
         """See Feed."""

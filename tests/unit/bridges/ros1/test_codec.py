@@ -17,7 +17,6 @@ from ua_bridges.ros.convert import compile_reader, compile_writer
 from ua_bridges.ros.errors import ConversionError
 from ua_bridges.ros.leaves import EMPTY_FIELD, leaves_of
 from ua_bridges.ros1.classes import needed_type, type_from_definition
-from ua_bridges.ros1.feed import schema_of
 
 from tests.unit.bridges.ros.drawn import mutated, values_of
 
@@ -35,7 +34,7 @@ def test_every_installed_type_both_ways() -> None:
     types = installed()
     for name in types:
         kind = needed_type(name)
-        schema = schema_of(kind)
+        schema = kind.schema
         names = [leaf.name for leaf in leaves_of(schema)] or [EMPTY_FIELD]
         decode, encode = compile_decoder(schema), compile_encoder(schema, names, lambda _values: None)
         if decode is None or encode is None:
@@ -53,7 +52,7 @@ def test_every_installed_type_both_ways() -> None:
 
 def test_what_is_no_message_costs_an_error() -> None:
     random = Random(5)
-    schema = schema_of(needed_type("sensor_msgs/PointCloud2"))
+    schema = needed_type("sensor_msgs/PointCloud2").schema
     names = [leaf.name for leaf in leaves_of(schema)]
     decode, encode = compile_decoder(schema), compile_encoder(schema, names, lambda _values: None)
     assert decode is not None
@@ -68,7 +67,7 @@ def test_what_is_no_message_costs_an_error() -> None:
 
 
 def test_seconds_that_ros_2_cannot_hold_are_refused_by_their_name() -> None:
-    decode = compile_decoder(schema_of(needed_type("std_msgs/Header")))
+    decode = compile_decoder(needed_type("std_msgs/Header").schema)
     assert decode is not None
     with pytest.raises(ConversionError, match=r"field stamp\.sec"):
         decode(b"\0\0\0\0" + b"\xff\xff\xff\xff" + bytes(8))
@@ -77,7 +76,7 @@ def test_seconds_that_ros_2_cannot_hold_are_refused_by_their_name() -> None:
 def test_a_header_without_seq_is_read_as_it_is() -> None:
     text = "Header header\nint32 x\n" + "=" * 80 + "\nMSG: std_msgs/Header\ntime stamp\nstring frame_id\n"
     kind = type_from_definition("my_msgs/Odd", text)
-    decode = compile_decoder(schema_of(kind))
+    decode = compile_decoder(kind.schema)
     assert decode is not None
     message, theirs = kind.cls(), io.BytesIO()
     message.x = 7

@@ -24,7 +24,6 @@ from ua_bridges.ros.ports import Listened, LoadedType
 from ua_bridges.ros.skills import ActionSkill, RosSkillMapping, ServiceSkill, SkillSpec
 from ua_bridges.ros.topic_mapping import QosConfig
 from ua_bridges.ros1.classes import TypeUnavailable, needed_service, needed_type
-from ua_bridges.ros1.feed import schema_of
 from ua_bridges.ros1.master import RosMaster, SystemState
 from ua_bridges.ros1.skills.action import ActionPort
 from ua_bridges.ros1.skills.exchange import CallFailed, CallLost, NotAsked, exchange
@@ -69,7 +68,7 @@ class Graph:
 
     def load(self, ros_type: str) -> LoadedType:
         kind = needed_type(ros_type)
-        return LoadedType(kind.cls, schema_of(kind))
+        return LoadedType(kind.cls, kind.schema)
 
     def speak(self, name: str, ros_type: str, qos: Any) -> Spoken:
         return self.topics.setdefault(name, Spoken())

@@ -14,9 +14,9 @@ pytest.importorskip("rospy", reason="needs the Python that has rospy")
 
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Header, String
+from ua_bridges.ros.feed import Mapped, MappedFeed, MirrorFeed
 from ua_bridges.ros.latched import is_latched
 from ua_bridges.ros.topic_mapping import TopicMapping
-from ua_bridges.ros1.feed import MappedFeed, MirrorFeed
 from ua_bridges.ros1.memory import LatchMemory
 from ua_bridges.ros1.source import MOST_LINKS, RosSource
 from ua_bridges.ros1.tcpros import Broken
@@ -210,10 +210,24 @@ def test_silent_publisher_gives_way_to_the_first_of_another_type_that_says_somet
     assert bench.source.is_alive
 
 
+def charge(kind: ScalarType, max_rate_hz: float | None = None) -> Mapped:
+    """Data that is read from a robot's topic `/charge`."""
+    mapping = TopicMapping(topic="/charge", type="std_msgs/Float64", max_rate_hz=max_rate_hz)
+    return Mapped("arm", "Charge", Topic(1, 2, 9), DataSetConfig(id=9, type=kind, source=mapping), mapping)
+
+
+async def test_a_mapped_topic_that_is_latched_says_so() -> None:
+    bench = Bench()
+    bench.source._feeds = [MappedFeed(charge(ScalarType.DOUBLE), bench.inlet, asyncio.get_running_loop())]
+    (found,) = bench.look(Link(Float64, latched=True))
+    assert isinstance(found, SourceFound)
+    assert is_latched(found.fields)
+    assert not found.may_have_period
+
+
 async def test_type_of_a_mapped_topic_is_that_of_the_file_whoever_comes_first() -> None:
     inlet = Inlet()
-    dataset = DataSetConfig(id=9, type=ScalarType.INT32, source=TopicMapping(topic="/charge", type="std_msgs/Float64"))
-    bench = Bench(MappedFeed(Topic(1, 2, 9), dataset, "Charge", inlet, asyncio.get_running_loop()))
+    bench = Bench(MappedFeed(charge(ScalarType.INT32), inlet, asyncio.get_running_loop()))
     wrong, right = Link(String, "/wrong"), Link(Float64, "/right")
     bench.look(wrong)
     bench.hear(wrong, String("x"))
@@ -364,8 +378,7 @@ def test_links_that_say_nothing_give_way_to_a_publisher_that_there_is_no_place_f
 
 async def test_mapped_topic_with_a_bad_field() -> None:
     bench = Bench()
-    dataset = DataSetConfig(id=9, type=ScalarType.INT32, source=TopicMapping(topic="/charge", type="std_msgs/Float64"))
-    feed = MappedFeed(Topic(1, 2, 9), dataset, "Charge", bench.inlet, asyncio.get_running_loop())
+    feed = MappedFeed(charge(ScalarType.INT32), bench.inlet, asyncio.get_running_loop())
     bench.source._feeds = [feed]
     link = Link(Float64)
     (found,) = bench.look(link)
@@ -385,9 +398,8 @@ async def test_mapped_topic_with_a_bad_field() -> None:
 
 async def test_rate_limit_of_a_mapped_topic_delivers_the_last_before_the_loss() -> None:
     bench = Bench()
-    mapping = TopicMapping(topic="/charge", type="std_msgs/Float64", max_rate_hz=0.01)
-    dataset = DataSetConfig(id=9, type=ScalarType.DOUBLE, source=mapping)
-    bench.source._feeds = [MappedFeed(Topic(1, 2, 9), dataset, "Charge", bench.inlet, asyncio.get_running_loop())]
+    data = charge(ScalarType.DOUBLE, max_rate_hz=0.01)
+    bench.source._feeds = [MappedFeed(data, bench.inlet, asyncio.get_running_loop())]
     link = Link(Float64)
     events: list[DriverEvent] = []
     for number in range(4):

@@ -13,8 +13,8 @@ from ua_bridges.ros.codec import CDR_LITTLE_ENDIAN, compile_decoder, compile_enc
 from ua_bridges.ros.convert import compile_reader, compile_writer
 from ua_bridges.ros.errors import ConversionError
 from ua_bridges.ros.leaves import EMPTY_FIELD, leaves_of
+from ua_bridges.ros.serialized import flat_reader, stamp_reader
 from ua_bridges.ros2.classes import MessageType, load_type, make
-from ua_bridges.ros2.serialized import flat_reader, stamp_reader
 
 from tests.unit.bridges.ros.drawn import mutated, values_of
 

@@ -1,15 +1,17 @@
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 import pytest
+from ua_bridges.ros.feed import Mapped, MappedFeed, MirrorFeed
 from ua_bridges.ros.topic_mapping import QosConfig, TopicMapping
 from ua_bridges.ros2.arrivals import Arrivals
-from ua_bridges.ros2.feed import MappedFeed, MirrorFeed
 from ua_bridges.ros2.qos import QUEUE_DEPTH, Qos
 from ua_bridges.ros2.source import GONE_S, RosSource
 
 from tests.unit.bridges.ros2.fakes import FakeNode, Recorder, fake_type, publisher
+from tests.waiting import until
 from ua_fleet.bridge.driver import SampleRead, SourceFound
 from ua_fleet.config.schema import DataSetConfig, ScalarType
 from ua_fleet.errors import UaFleetError
@@ -203,24 +205,18 @@ def test_incompatible_publisher_makes_a_look_unless_fleet_yaml_asks_for_it() -> 
     assert scene.inlet.said() == ["found", "incompatible_qos:1"]
 
 
-class Clock:
-    def __init__(self) -> None:
-        self.now = 0.0
-        self.wakes: list[float] = []
-
-
-def mapped_scene(clock: Clock, **options: Any) -> Scene:
+def mapped_scene(**options: Any) -> Scene:
     source = TopicMapping(topic="/count", type="std_msgs/Int32", **options)
-    dataset = DataSetConfig(type=ScalarType.BYTE, source=source)
+    data = Mapped("robot", "Count", TOPIC, DataSetConfig(type=ScalarType.BYTE, source=source), source)
 
     def feeds(inlet: Recorder) -> list[MappedFeed]:
-        return [MappedFeed(TOPIC, dataset, "Count", inlet, lambda: clock.now, clock.wakes.append)]
+        return [MappedFeed(data, inlet, asyncio.get_running_loop())]
 
     return Scene(feeds=feeds, wanted_type="std_msgs/Int32", qos=source.qos)
 
 
-def test_mapped_field_that_does_not_fit_is_bad() -> None:
-    scene = mapped_scene(Clock())
+async def test_mapped_field_that_does_not_fit_is_bad() -> None:
+    scene = mapped_scene()
     scene.source.follow([publisher()])
     scene.node.say(5, T0)
     scene.node.say(300, T0 + 1)
@@ -228,8 +224,8 @@ def test_mapped_field_that_does_not_fit_is_bad() -> None:
     assert scene.inlet.said() == ["found", "5", "conversion:1", str(bad)]
 
 
-def test_mapped_topic_with_another_type_is_bad_once_until_the_right_one_comes() -> None:
-    scene = mapped_scene(Clock())
+async def test_mapped_topic_with_another_type_is_bad_once_until_the_right_one_comes() -> None:
+    scene = mapped_scene()
     wrong = publisher(b"b", kind="std_msgs/msg/Float64")
     scene.source.follow([wrong])
     scene.source.follow([wrong, publisher(b"c", kind="std_msgs/msg/Float64")])
@@ -240,21 +236,22 @@ def test_mapped_topic_with_another_type_is_bad_once_until_the_right_one_comes() 
     assert scene.inlet.said()[-2:] == ["found", "5"]
 
 
-def test_rate_limit_hands_on_the_latest_when_its_turn_comes_or_the_source_goes() -> None:
-    clock = Clock()
-    scene = mapped_scene(clock, max_rate_hz=10)
+async def test_rate_limit_hands_on_the_latest_when_its_turn_comes() -> None:
+    scene = mapped_scene(max_rate_hz=10)
     scene.source.follow([publisher()])
     for number in range(3):
         scene.node.say(number, T0 + number)
     assert scene.inlet.said() == ["found", "0", "rate_limited:1"]
-    assert clock.wakes == [0.1, 0.1]
-    assert scene.source.release(0.05) == 0.1
-    assert scene.source.release(0.1) is None
-    assert scene.inlet.said()[-1] == "2"
-    clock.now = 0.15
-    scene.node.say(3, T0 + 3)
+    await until(lambda: scene.inlet.said()[-1] == "2", "the turn of the latest")
+
+
+async def test_rate_limit_hands_on_what_waits_when_the_source_goes() -> None:
+    scene = mapped_scene(max_rate_hz=0.01)
+    scene.source.follow([publisher()])
+    for number in range(3):
+        scene.node.say(number, T0 + number)
     scene.source.follow([])
-    assert scene.inlet.said()[-2:] == ["3", "lost"]
+    assert scene.inlet.said() == ["found", "0", "rate_limited:1", "2", "lost"]
 
 
 class LateScene(Scene):

@@ -32,11 +32,6 @@ class Source:
     def looked(self) -> None:
         pass
 
-    def release(self, now: float) -> float | None:
-        if self.name in self._bench.failing:
-            raise KeyError("release")
-        return None
-
     def close(self) -> None:
         self.is_closed = True
         if self.name in self._bench.failing:
@@ -75,7 +70,6 @@ def test_a_topic_that_makes_the_bridge_fail_is_put_aside_and_the_others_go_on() 
     bench.change(HONEST, ROBOT)
     with capture_logs() as logs:
         bench.sources.look()
-        bench.sources.release(0.0)
     assert [entry["log_level"] for entry in logs] == ["error", "error"]  # following it, and closing it
     assert bench.of(HONEST).followed == [1]
     assert bench.events == [Dropped(Drop.MISBEHAVED)]

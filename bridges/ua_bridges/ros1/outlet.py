@@ -63,7 +63,7 @@ def _serialized_class(kind: MessageType) -> type[Any]:
 
 
 class Outlet:
-    """A publisher with its conversion. All methods but `is_ready` run in the event loop."""
+    """See `ua_bridges.ros.outlets.Outlet`. All methods but `is_ready` run in the event loop."""
 
     def __init__(
         self,
@@ -164,6 +164,9 @@ class Outlet:
         self._remembered = self._message(values)
         if self._held is None:
             self._latch()
+
+    def supersede(self) -> None:
+        """See Outlet: what is published takes the place of what was kept."""
 
     def _latch(self) -> None:
         implementation: Any = self._publisher.impl

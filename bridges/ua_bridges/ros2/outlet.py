@@ -13,10 +13,8 @@ from ua_bridges.ros.convert import Writer
 from ua_bridges.ros2.classes import MessageType
 from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.qos import Offer, Qos
-from ua_fleet.bridge.driver import Dropped
-from ua_fleet.counters import Drop
 
-__all__ = ["Make", "Outlet", "dropped_by"]
+__all__ = ["HeldPublisher", "Make"]
 
 Make = Callable[[Sequence[Any]], Any]
 """Makes a message of values, an object or its serialized bytes; raises ConversionError."""
@@ -29,8 +27,8 @@ _SETTLE_S: Final = 1.0
 """A node that has just come up has not heard of all subscribers before: on a busy machine that took 0.7 s."""
 
 
-class Outlet:
-    """A publisher with its conversion.
+class HeldPublisher:
+    """The publisher of a topic, made while messages for it may come already.
 
     The node's thread makes it (`attend`), the event loop uses it (`publish`). Between the two the first messages are
     held: the subscribers that are there need some milliseconds to match, and what is published before is lost to them.
@@ -166,8 +164,3 @@ class Outlet:
             node.node.destroy_publisher(self._publisher)
             self._publisher = None
         return lost
-
-
-def dropped_by(outlet: Outlet, lost: int) -> Dropped:
-    """So many messages were held for subscribers that are still matching, and are not held any more."""
-    return Dropped(Drop.INLET_FULL, lost, f"{outlet.name}: more messages than are held at its start")

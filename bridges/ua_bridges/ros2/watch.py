@@ -25,7 +25,7 @@ from ua_bridges.ros2.graph import (
 )
 from ua_bridges.ros2.late import LateSubscribers
 from ua_bridges.ros2.node import Ros2Node, guarded
-from ua_bridges.ros2.outlet import Outlet, dropped_by
+from ua_bridges.ros2.outlet import HeldPublisher
 from ua_bridges.ros2.source import RosSource
 from ua_bridges.ros2.sources import Sources
 from ua_fleet.bridge.driver import Dropped, Inlet
@@ -96,7 +96,7 @@ class Watch:
         self._graph = GraphWatch(config.space, {*self._mapped, *self._listeners})
         self._sources = Sources(list(self._mapped), self._make_source, self._graph, inlet, offenders)
         self._late = LateSubscribers(config, served)
-        self._opening: list[Outlet] = []
+        self._opening: list[HeldPublisher] = []
         self._look_at = self._late_at = self._changed_at = 0.0
 
     def opened(self, node: Ros2Node) -> None:
@@ -136,7 +136,7 @@ class Watch:
             self._look_at = min(self._look_at, now + pause_s)
         due = self._look_at
         if self._opening:
-            self._opening = [outlet for outlet in self._opening if not self._attend(outlet, now)]
+            self._opening = [each for each in self._opening if not self._attend(each, now)]
             if self._opening:
                 due = min(due, now + _ATTEND_S)
         if now >= self._late_at:
@@ -171,19 +171,21 @@ class Watch:
         if listener is None or change.topic_name in self._mapped:
             self._sources.changed(change)
 
-    def attend(self, outlet: Outlet) -> None:
-        """Look after a new outlet until it is open."""
-        self._opening.append(outlet)
+    def attend(self, publisher: HeldPublisher) -> None:
+        """Look after a new publisher until it is open."""
+        self._opening.append(publisher)
         self._wake_at(0.0)
 
-    def drop(self, outlet: Outlet) -> None:
-        """End an outlet."""
-        if outlet in self._opening:
-            self._opening.remove(outlet)
-        self._late.unwatch(outlet.name)
-        lost = outlet.close(self._node)
+    def drop(self, publisher: HeldPublisher) -> None:
+        """End an publisher."""
+        if publisher in self._opening:
+            self._opening.remove(publisher)
+        self._late.unwatch(publisher.name)
+        lost = publisher.close(self._node)
         if lost:
-            self._inlet.put(dropped_by(outlet, lost))
+            self._inlet.put(
+                Dropped(Drop.INLET_FULL, lost, f"{publisher.name}: more messages than are held at its start")
+            )
 
     def keep(self, name: str, message_class: Any, message: Any) -> None:
         """Keep a message that the bridge before this one has published."""
@@ -193,24 +195,24 @@ class Watch:
         """There is a newer message than the one that is kept."""
         self._late.forget(name)
 
-    def _attend(self, outlet: Outlet, now: float) -> bool:
+    def _attend(self, publisher: HeldPublisher, now: float) -> bool:
         def on_incompatible(policy: str) -> None:
             text = (
-                f"{outlet.name}: a subscriber asks for another {policy} than the bridge offers and gets nothing; "
+                f"{publisher.name}: a subscriber asks for another {policy} than the bridge offers and gets nothing; "
                 "set `qos` of the sink in fleet.yaml"
             )
             self._inlet.put(Dropped(Drop.INCOMPATIBLE_QOS, detail=text))
 
-        if self._offenders.is_aside(outlet.name, now):
+        if self._offenders.is_aside(publisher.name, now):
             return False
         try:
-            is_open = outlet.attend(self._node, now, self._opened_at, on_incompatible)
+            is_open = publisher.attend(self._node, now, self._opened_at, on_incompatible)
         except Exception as error:  # noqa: BLE001 - rclpy raises what it likes; one topic, one mistake
             said = " ".join(str(error).split())
-            self._offenders.put_aside(outlet.name, f"the bridge cannot publish it: {said}", now)
+            self._offenders.put_aside(publisher.name, f"the bridge cannot publish it: {said}", now)
             return False
-        if is_open and outlet.qos.transient_local:
-            self._late.watch(self._node, outlet.name)
+        if is_open and publisher.qos.transient_local:
+            self._late.watch(self._node, publisher.name)
         return is_open
 
     def closing(self) -> None:

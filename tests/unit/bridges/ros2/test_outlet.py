@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from ua_bridges.ros.convert import compile_writer
 from ua_bridges.ros.errors import ConversionError
-from ua_bridges.ros2.outlet import MOST_HELD, Outlet
+from ua_bridges.ros2.outlet import MOST_HELD, HeldPublisher
 from ua_bridges.ros2.qos import MIRROR, Qos
 
 from tests.unit.bridges.ros2.fakes import FakeNode, Message, fake_type, publisher
@@ -12,11 +12,11 @@ KIND = fake_type("std_msgs/Int32")
 FILL = compile_writer(KIND.schema, ("data",), lambda _native: Message())
 
 
-def make(qos: Qos = MIRROR) -> Outlet:
-    return Outlet("/ua_1_2_9", KIND, qos)
+def make(qos: Qos = MIRROR) -> HeldPublisher:
+    return HeldPublisher("/ua_1_2_9", KIND, qos)
 
 
-def attend(outlet: Outlet, node: FakeNode, now: float) -> bool:
+def attend(outlet: HeldPublisher, node: FakeNode, now: float) -> bool:
     return outlet.attend(node.as_node(), now, 0.0, lambda _policy: None)
 
 

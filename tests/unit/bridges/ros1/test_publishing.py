@@ -10,10 +10,11 @@ import pytest
 pytest.importorskip("rospy", reason="needs the Python that has rospy")
 
 from ua_bridges.ros.delivered import Delivered
-from ua_bridges.ros1 import outlets
+from ua_bridges.ros.outlets import Outlets
+from ua_bridges.ros1 import publishing as publishing_module
 from ua_bridges.ros1.classes import needed_type
 from ua_bridges.ros1.outlet import HOLD_S, LATCH_S, QUEUE_SIZE, Outlet
-from ua_bridges.ros1.outlets import Outlets
+from ua_bridges.ros1.publishing import Ros1Publishing
 
 from ua_fleet.bridge.driver import DriverEvent, Dropped
 from ua_fleet.counters import Drop
@@ -50,10 +51,10 @@ class Inlet:
 
 
 def test_a_publisher_goes_on_when_the_maximum_age_of_its_source_is_learned(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(outlets, "Outlet", Recorded)
+    monkeypatch.setattr(publishing_module, "Outlet", Recorded)
     loop = asyncio.new_event_loop()
     inlet = Inlet()
-    made = Outlets(inlet, loop, Delivered(None), lambda _replaced: None)
+    made = Outlets(inlet, loop, Delivered(None), Ros1Publishing(lambda _replaced: None))
     fields = (make_field("data", BuiltinType.DOUBLE),)
     for number, age_s in enumerate((None, 3.0, 5.0, None)):
         metadata = DataSetMetaData("source", with_max_age(fields, age_s), ConfigurationVersion(7, 7 + number))
@@ -68,7 +69,7 @@ def test_a_publisher_goes_on_when_the_maximum_age_of_its_source_is_learned(monke
 
 def test_messages_that_no_subscriber_gets_since_more_came_than_are_held_are_counted() -> None:
     loop, inlet = asyncio.new_event_loop(), Inlet()
-    made = Outlets(inlet, loop, Delivered(None), lambda _replaced: None)
+    made = Outlets(inlet, loop, Delivered(None), Ros1Publishing(lambda _replaced: None))
     double, text = (
         DataSetMetaData("source", (make_field("data", builtin),), ConfigurationVersion(7, 7))
         for builtin in (BuiltinType.DOUBLE, BuiltinType.STRING)

@@ -9,59 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
 
-from ua_fleet.errors import TopicInvalid
-from ua_fleet.topics import Topic
-
-__all__ = ["GraphNews", "GraphWatch", "LinkRetry"]
-
-_PREFIX: Final = "/ua_"
-
-
-class GraphNews(NamedTuple):
-    """What is new in the graph."""
-
-    found: list[Topic]
-    """Topics of the own space that somebody publishes and that are not watched yet."""
-    illegal: list[TopicInvalid]
-    """Names that have just appeared, begin like a UA topic and are none."""
-
-
-class GraphWatch:
-    """Finds the UA topics of one space among the names that nodes publish."""
-
-    def __init__(self, space: int) -> None:
-        self._space = space
-        self._legal: set[str] = set()
-        self._illegal: set[str] = set()
-
-    def forget(self, topic: Topic) -> None:
-        """A topic is not watched any more: it is found again where somebody publishes it."""
-        self._legal.discard(f"/{topic.name}")
-
-    def look(self, published: Iterable[str]) -> GraphNews:
-        """The news in the names of all topics that have a publisher now."""
-        found: list[Topic] = []
-        illegal: list[TopicInvalid] = []
-        still_illegal: set[str] = set()
-        for name in published:
-            if not name.startswith(_PREFIX) or name in self._legal:
-                continue
-            if name in self._illegal:
-                still_illegal.add(name)
-                continue
-            try:
-                topic = Topic.parse(name[1:])
-            except TopicInvalid as error:
-                illegal.append(error)
-                still_illegal.add(name)
-                continue
-            if topic.space == self._space:
-                self._legal.add(name)
-                found.append(topic)
-        self._illegal = still_illegal  # a name that goes and comes back is counted again
-        return GraphNews(found, illegal)
+__all__ = ["LinkRetry", "unregistered"]
 
 
 def unregistered(wanted: Collection[str], registered: Mapping[str, list[str]], node_name: str) -> list[str]:

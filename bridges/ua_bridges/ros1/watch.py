@@ -18,8 +18,9 @@ from typing import Any, Final
 import structlog
 
 from ua_bridges.ros.feed import Feed, MirrorFeed
+from ua_bridges.ros.names import UaNames
 from ua_bridges.ros.served import Served
-from ua_bridges.ros1.graph import GraphWatch, unregistered
+from ua_bridges.ros1.graph import unregistered
 from ua_bridges.ros1.master import RosMaster, SystemState
 from ua_bridges.ros1.memory import LatchMemory
 from ua_bridges.ros1.node import RosNode
@@ -96,11 +97,11 @@ class Watch:
         self._mapped, self._outlets, self._memory, self._served = mapped, outlets, memory, served
         self._spoken, self._offenders = spoken, offenders
         self._note_at = 0.0
-        self._graph = GraphWatch(space)
+        self._names = UaNames(space)
         self._sources: dict[str, RosSource] = {}
         self._unheard: dict[str, float] = {}
         """Since when nobody publishes a mirrored topic, or it is dead."""
-        self._refused: list[Topic] = []
+        self._refused: list[str] = []
         """For which there was no room."""
         self._looked_at = self._changed_at = 0.0
         self._ask_at = 0.0
@@ -205,11 +206,11 @@ class Watch:
 
     def _find(self, state: SystemState) -> None:
         if len(self._sources) < MOST_SOURCES or self._unheard:
-            for topic in self._refused:
-                self._graph.forget(topic)
+            for name in self._refused:
+                self._names.forget(name)
             self._refused.clear()
-        news = self._graph.look(state.publishers)
-        for error in news.illegal:
+        news = self._names.look(state.publishers)
+        for _, error in news.illegal:
             self._inlet.put(Dropped(Drop.ILLEGAL_TOPIC, detail=str(error)))
         for topic in news.found:
             name = f"/{topic.name}"
@@ -217,7 +218,7 @@ class Watch:
                 continue  # a robot's program tells of its executions there
             if len(self._sources) >= MOST_SOURCES and not self._make_room():
                 self._inlet.put(Dropped(Drop.UNKNOWN_SOURCE, detail=f"more than {MOST_SOURCES} topics of this space"))
-                self._refused.append(topic)
+                self._refused.append(name)
                 continue
             self._listen(name, [MirrorFeed(topic, self._inlet)])
 
@@ -247,7 +248,7 @@ class Watch:
         source = self._sources.pop(name)
         source.lose()
         source.close()
-        self._graph.forget(topic)
+        self._names.forget(name)
         self._inlet.put(SourceForgotten(topic))
         if ("subscriber", name) in self._registered:
             self._registered.discard(("subscriber", name))

@@ -6,12 +6,11 @@ about 60 us for the names and 4 us for each watched topic, and 20 us more for a 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Final, NamedTuple, Protocol
 
+from ua_bridges.ros.names import UaNames
 from ua_bridges.ros2.qos import Offer
-from ua_fleet.errors import TopicInvalid
-from ua_fleet.topics import Topic
 
 __all__ = [
     "LOOK_S",
@@ -35,8 +34,6 @@ _FULL_LOOK_S: Final = 1.0
 
 MOST_TOPICS: Final = 2000
 """Topics of the own space that are watched, at some microseconds for each look; anybody may make new ones."""
-
-_PREFIX: Final = "/ua_"
 
 
 class Publisher(NamedTuple):
@@ -102,20 +99,17 @@ class GraphWatch:
 
     def __init__(self, space: int, mapped: Iterable[str] = ()) -> None:
         """`mapped` are full names such as `/battery_state`."""
-        self._space = space
+        self._names = UaNames(space)
         self._mapped = frozenset(mapped)
         self._watched = {name: _Watched() for name in self._mapped}
         self._refused: set[str] = set()
-        self._others: set[str] = set()
-        self._illegal: set[str] = set()
 
     def look(self, view: GraphView, now: float) -> list[GraphChange]:
         """What has changed since the last look."""
         names = dict.fromkeys(view.topic_names())  # in their order, and found at once
         for name in [each for each, seen in self._watched.items() if not seen.count and each not in names]:
             if name not in self._mapped:
-                del self._watched[name]  # somebody subscribed, and nobody published
-        self._others &= names.keys()
+                self.forget(name)  # somebody subscribed, and nobody published
         changes = self._new_names(names)
         for name, watched in self._watched.items():
             count = view.count_publishers(name)
@@ -131,36 +125,27 @@ class GraphWatch:
     def forget(self, name: str) -> None:
         """A topic is not watched any more; found again where somebody publishes it."""
         self._watched.pop(name, None)
+        self._names.forget(name)
 
     def look_again(self, name: str) -> None:
         """Tell the publishers of a watched topic again."""
         if name in self._watched:
             self._watched[name] = _Watched()
 
-    def _new_names(self, names: Iterable[str]) -> list[GraphChange]:
-        changes: list[GraphChange] = []
-        still_illegal: set[str] = set()
+    def _new_names(self, names: Collection[str]) -> list[GraphChange]:
+        news = self._names.look(names)
+        changes: list[GraphChange] = [TopicIllegal(name, error.reason) for name, error in news.illegal]
         refused: set[str] = set()
-        for name in names:
-            if not name.startswith(_PREFIX) or name in self._watched or name in self._others:
-                continue
-            if name in self._illegal:
-                still_illegal.add(name)
-                continue
-            try:
-                topic = Topic.parse(name[1:])
-            except TopicInvalid as error:
-                still_illegal.add(name)
-                changes.append(TopicIllegal(name, error.reason))
-                continue
-            if topic.space != self._space:
-                self._others.add(name)
-            elif len(self._watched) >= MOST_TOPICS + len(self._mapped):
-                refused.add(name)
-                if name not in self._refused:
-                    changes.append(TopicRefused(name))
-            else:
+        for topic in news.found:
+            name = f"/{topic.name}"
+            if name in self._watched:
+                continue  # a robot's program tells of its executions there
+            if len(self._watched) < MOST_TOPICS + len(self._mapped):
                 self._watched[name] = _Watched()
+                continue
+            self._names.forget(name)  # it is found again at the next look, when there may be room
+            refused.add(name)
+            if name not in self._refused:
+                changes.append(TopicRefused(name))
         self._refused = refused
-        self._illegal = still_illegal  # a name that goes and comes back is counted again
         return changes

@@ -1,37 +1,6 @@
 from __future__ import annotations
 
-from ua_bridges.ros1.graph import GraphWatch, LinkRetry, unregistered
-
-from ua_fleet.topics import Topic
-
-
-def test_topics_of_the_own_space_are_found_once() -> None:
-    watch = GraphWatch(1)
-    assert watch.look(["/ua_1_2_7", "/rosout"]).found == [Topic(1, 2, 7)]
-    assert watch.look(["/ua_1_2_7", "/ua_1_2_8"]).found == [Topic(1, 2, 8)]
-    assert watch.look([]).found == []
-    assert watch.look(["/ua_1_2_7"]).found == []  # the subscription is still there
-
-
-def test_other_spaces_and_other_names_are_left_alone() -> None:
-    news = GraphWatch(1).look(["/ua_2_2_7", "/ua_0_2_7", "/robot/ua_1_2_7", "/uav", "/battery_state"])
-    assert news == ([], [])
-
-
-def test_illegal_name_is_told_each_time_it_appears() -> None:
-    watch = GraphWatch(1)
-    names = ["/ua_1_2", "/ua_1_2_07", "/ua_240_2_7", "/ua_1_0_7", "/ua_1_2_7/x", "/ua_"]
-    assert [error.text for error in watch.look(names).illegal] == [
-        "ua_1_2",
-        "ua_1_2_07",
-        "240",
-        "ua_1_0_7",
-        "ua_1_2_7/x",
-        "ua_",
-    ]
-    assert watch.look(names).illegal == []
-    assert watch.look(names[1:]).illegal == []
-    assert [error.text for error in watch.look(names).illegal] == ["ua_1_2"]
+from ua_bridges.ros1.graph import LinkRetry, unregistered
 
 
 def test_what_the_master_has_forgotten_is_found() -> None:
@@ -55,10 +24,3 @@ def test_retry_begins_anew_with_another_publisher_and_ends_with_the_link() -> No
     assert not retry.due(["/robot"], 0, 3.0)
     assert not retry.due(["/robot"], 0, 3.9)
     assert retry.due(["/robot"], 0, 4.0)
-
-
-def test_topic_that_was_forgotten_is_found_again() -> None:
-    watch = GraphWatch(1)
-    watch.look(["/ua_1_2_7"])
-    watch.forget(Topic(1, 2, 7))
-    assert watch.look(["/ua_1_2_7"]).found == [Topic(1, 2, 7)]

@@ -19,7 +19,7 @@ from ua_fleet.bridge.executing import Ended, Executing, Open, halted
 from ua_fleet.errors import RobotOffline, SkillRejected, UaFleetError
 from ua_fleet.values import StatusCode
 
-__all__ = ["APPEARS_S", "Listened", "LoadedType", "SkillGraph", "SkillPort", "Spoken"]
+__all__ = ["APPEARS_S", "Graph_contra", "Listened", "LoadedType", "SkillGraph", "SkillPort", "Spoken"]
 
 APPEARS_S: Final = 3.0
 """So long after the bridge's start the robot's side may be there and not be discovered yet."""

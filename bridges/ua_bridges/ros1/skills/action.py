@@ -16,23 +16,21 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from ua_bridges.ros.ports import Listened, SkillPort
-from ua_bridges.ros.skill_values import Condition, RequestFiller, ResponseReader
+from ua_bridges.ros.ports import ActionPort, Goal, Listened
+from ua_bridges.ros.skill_values import RequestFiller, ResponseReader
 from ua_bridges.ros.skills import ActionSkill, SkillSpec
-from ua_bridges.ros.topic_mapping import QosConfig, absolute
+from ua_bridges.ros.topic_mapping import QosConfig
 from ua_bridges.ros1.skills.graph import Ros1Graph, ros1_name
 from ua_fleet.bridge.driver import DriverEvent, Execution
 from ua_fleet.bridge.executing import Ended, Executing, Open, ended_text
 from ua_fleet.values import StatusCode
 
-__all__ = ["ActionPort"]
+__all__ = ["Ros1ActionPort"]
 
 UNKNOWN_S: Final = 2.0
 """A goal that is not in the status arrays for so long is not known to the server, which shows each at once."""
 RESULT_S: Final = 2.0
 """The result of a goal comes on another link than its status; so long it may come later."""
-CANCEL_S: Final = 2.0
-"""So long an overdue goal has time to end after it was canceled."""
 _MOST_REMEMBERED: Final = 100
 """Ended goals, to tell a second answer from that of another client's goal."""
 
@@ -43,12 +41,13 @@ _QOS: Final = QosConfig()
 _ID_TYPE: Final = "actionlib_msgs/GoalID"
 
 
-class _Goal:
-    """A goal whose end is not known."""
+class _Goal(Goal):
+    """And what the status arrays say of it."""
 
-    __slots__ = ("give_up_at", "result_by", "status", "text", "unknown_since", "was_canceled", "was_seen")
+    __slots__ = ("result_by", "status", "text", "unknown_since", "was_canceled", "was_seen")
 
     def __init__(self) -> None:
+        super().__init__()
         self.was_seen = False
         self.unknown_since: float | None = None
         """The server does not have it in its status array."""
@@ -56,24 +55,19 @@ class _Goal:
         """How it ended by the status array, whose result has not come."""
         self.result_by: float | None = None
         self.was_canceled = False
-        self.give_up_at: float | None = None
-        """It took too long and was canceled."""
 
 
-class ActionPort(SkillPort[Ros1Graph]):
+class Ros1ActionPort(ActionPort[Ros1Graph, _Goal]):
     """See the module."""
 
     def __init__(
         self, spec: SkillSpec, way: ActionSkill, executing: Executing, put: Callable[[DriverEvent], None]
     ) -> None:
-        super().__init__(spec, executing, put)
-        self._way, self._name, self._type = way, absolute(way.name), ros1_name(way.type)
-        self._no_server = f"there is no action server {self._name}; start the robot's node"
+        super().__init__(spec, way, executing, put)
+        self._type = ros1_name(way.type)
         self._missing = dict.fromkeys(("status", "result"), self._no_server)
         """Why one of the topics that are needed is not there."""
-        self._goals: dict[bytes, _Goal] = {}
         self._ended: dict[bytes, None] = {}
-        self._progress: Condition | None = None
 
     def _open(self, graph: Ros1Graph) -> None:
         way, name = self._way, self._name
@@ -83,9 +77,7 @@ class ActionPort(SkillPort[Ros1Graph]):
         self._filler = RequestFiller(self.spec, way, goal.schema)
         self._filler.check(goal.cls())
         self._reader = ResponseReader(self.spec, way, way.success, graph.load(f"{self._type}Result").cls())
-        if way.progress is not None:
-            feedback = graph.load(f"{self._type}Feedback").cls()
-            self._progress = Condition(way.progress, self.spec.arguments, feedback)
+        self._reports_by(lambda: graph.load(f"{self._type}Feedback").cls())
         self._tells = graph.speak(f"{name}/goal", f"{self._type}ActionGoal", _QOS)
         self._cancels = graph.speak(f"{name}/cancel", _ID_TYPE, _QOS)
 
@@ -137,9 +129,7 @@ class ActionPort(SkillPort[Ros1Graph]):
                 continue
             goal.was_seen, goal.unknown_since = True, None
             if status.status in _AT_IT:
-                opened = self._executing.get(execution_id)
-                if opened is not None and opened.told is None:
-                    self._executing.progress(execution_id, 0.0)
+                self._at_it(execution_id)
             elif goal.result_by is None:
                 goal.status, goal.text, goal.result_by = int(status.status), str(status.text), now + RESULT_S
 
@@ -195,33 +185,19 @@ class ActionPort(SkillPort[Ros1Graph]):
             self._executing.end(execution_id, Ended(StatusCode.GOOD))
 
     def _close(self, execution_id: bytes) -> None:
-        self._goals.pop(execution_id, None)
+        super()._close(execution_id)
         self._ended[execution_id] = None
         if len(self._ended) > _MOST_REMEMBERED:
             del self._ended[next(iter(self._ended))]
 
     def _on_feedback(self, message: Any) -> None:
-        execution_id = _execution_id(message.status.goal_id.id)
-        opened = self._executing.get(execution_id) if execution_id in self._goals else None
-        if opened is None or self._progress is None:
-            return  # every client of an action hears of all goals
-        fraction = self._progress.fraction(message.feedback, opened.arguments)
-        if fraction is not None:
-            self._executing.progress(execution_id, fraction)
+        self._heard_feedback(_execution_id(message.status.goal_id.id), message.feedback)
 
-    def turn(self, now: float) -> None:
-        """See SkillPort."""
-        super().turn(now)
-        for execution_id, goal in list(self._goals.items()):
-            if self._executing.get(execution_id) is None:
-                del self._goals[execution_id]
-            elif goal.result_by is not None and now >= goal.result_by:
-                self._finish(execution_id, goal, goal.status, goal.text, None)
-            elif goal.give_up_at is not None and now >= goal.give_up_at:
-                self._close(execution_id)
-                self._executing.end(
-                    execution_id, self._too_long("it was canceled, and does not end; see what the robot does")
-                )
+    def _follow(self, execution_id: bytes, goal: _Goal, now: float) -> bool:
+        if goal.result_by is None or now < goal.result_by:
+            return False
+        self._finish(execution_id, goal, goal.status, goal.text, None)
+        return True
 
     def _stop(self, execution_id: bytes, now: float) -> None:
         goal = self._goals.get(execution_id)
@@ -230,17 +206,14 @@ class ActionPort(SkillPort[Ros1Graph]):
             self._cancels.publish(self._id_class(id=execution_id.hex()))
 
     def _give_up(self, opened: Open, now: float) -> None:
-        """The goal is canceled, and has a moment to end. What was asked about and never seen, nobody knows."""
+        """See ActionPort. What was asked about and never seen, nobody knows."""
         goal = self._goals.get(opened.execution_id)
-        if goal is None:
+        if goal is None or goal.was_seen:
             super()._give_up(opened, now)
-        elif not goal.was_seen:
-            self._stop(opened.execution_id, now)
-            self._close(opened.execution_id)
-            self._executing.forget(opened.execution_id, f"the server of {self._name} never told of it")
-        elif goal.give_up_at is None:
-            goal.give_up_at = now + CANCEL_S
-            self._stop(opened.execution_id, now)
+            return
+        self._stop(opened.execution_id, now)
+        self._close(opened.execution_id)
+        self._executing.forget(opened.execution_id, f"the server of {self._name} never told of it")
 
 
 def _execution_id(goal_id: str) -> bytes:

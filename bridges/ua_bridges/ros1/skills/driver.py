@@ -12,10 +12,10 @@ from ua_bridges.ros.skills import SkillSpec
 from ua_bridges.ros1.master import SystemState
 from ua_bridges.ros1.node import RosNode
 from ua_bridges.ros1.session import Ros1Driver
-from ua_bridges.ros1.skills.action import ActionPort
+from ua_bridges.ros1.skills.action import Ros1ActionPort
 from ua_bridges.ros1.skills.feed import SkillFeed
 from ua_bridges.ros1.skills.graph import Ros1Graph
-from ua_bridges.ros1.skills.service import ServicePort
+from ua_bridges.ros1.skills.service import Ros1ServicePort
 from ua_bridges.ros1.skills.thread import SkillThread
 from ua_fleet.bridge.driver import Inlet
 from ua_fleet.config.schema import FleetConfig
@@ -38,7 +38,9 @@ class SkilledRos1Driver(SkilledDriver, Ros1Driver):
 
     def _skill_feeds(self, node: RosNode, inlet: Inlet) -> Iterable[tuple[str, Feed]]:
         self._skill_thread = thread = SkillThread()
-        self._skills = skills = RobotSkills(self._specs, port_maker(ServicePort, ActionPort), inlet.put, thread.call)
+        self._skills = skills = RobotSkills(
+            self._specs, port_maker(Ros1ServicePort, Ros1ActionPort), inlet.put, thread.call
+        )
         self._graph = graph = Ros1Graph(
             node.name,
             self._bridge.master_uri,
@@ -63,7 +65,7 @@ class SkilledRos1Driver(SkilledDriver, Ros1Driver):
         if thread is not None:
             await asyncio.to_thread(thread.stop)
             for port in self._skills:
-                if isinstance(port, ServicePort):
+                if isinstance(port, Ros1ServicePort):
                     port.close()
         await super().stop()
 

@@ -1,5 +1,5 @@
 # pyright: basic, reportMissingImports=false
-"""A skill that is a ROS 1 service: its response is the end. A service cannot be asked afterwards, or stopped.
+"""A skill that is a ROS 1 service.
 
 Each call has a thread and a connection of its own. When it takes too long, the connection stays for a while, so that a
 late answer is counted, and the server does not fail when it gives it.
@@ -19,11 +19,10 @@ from typing import Any, Final
 import genpy
 import structlog
 
-from ua_bridges.ros.ports import SkillPort
+from ua_bridges.ros.ports import ServicePort
 from ua_bridges.ros.schema import schema_from_definition
 from ua_bridges.ros.skill_values import RequestFiller, ResponseReader
 from ua_bridges.ros.skills import ServiceSkill, SkillSpec
-from ua_bridges.ros.topic_mapping import absolute
 from ua_bridges.ros1.classes import needed_service, response_layout
 from ua_bridges.ros1.master import RosMaster
 from ua_bridges.ros1.skills.exchange import CallFailed, CallLost, NotAsked, exchange
@@ -33,7 +32,7 @@ from ua_fleet.bridge.executing import Ended, Executing, Open, ended_text
 from ua_fleet.errors import NotConnected, SkillRejected
 from ua_fleet.values import StatusCode
 
-__all__ = ["ServicePort"]
+__all__ = ["Ros1ServicePort"]
 
 MOST_LATE: Final = 16
 """Calls that may still be answered after their time was over; the oldest is given up then."""
@@ -66,15 +65,13 @@ class _Call:
                     self._link.shutdown(socket.SHUT_RDWR)
 
 
-class ServicePort(SkillPort[Ros1Graph]):
+class Ros1ServicePort(ServicePort[Ros1Graph]):
     """See the module."""
 
     def __init__(
         self, spec: SkillSpec, way: ServiceSkill, executing: Executing, put: Callable[[DriverEvent], None]
     ) -> None:
-        super().__init__(spec, executing, put)
-        self._way, self._name = way, absolute(way.name)
-        self.cannot_stop = f"the service {self._name} cannot be stopped once it is called"
+        super().__init__(spec, way, executing, put)
         self._calls: dict[bytes, _Call] = {}
         self._late: dict[bytes, None] = {}
         self._uri: str | None = None
@@ -100,9 +97,8 @@ class ServicePort(SkillPort[Ros1Graph]):
             raise SkillRejected(f"the request of {self._name} cannot hold that: {error}") from error
         return content.getvalue()
 
-    def _look(self, now: float) -> str:
-        is_there = self._name in self._graph.state().services
-        return "" if is_there else f"there is no service {self._name}; start the robot's node"
+    def _is_there(self) -> bool:
+        return self._name in self._graph.state().services
 
     def _tell(self, execution_id: bytes, request: bytes, now: float) -> None:
         self._calls[execution_id] = _Call(partial(self._work, execution_id, request), self._name)
@@ -145,44 +141,21 @@ class ServicePort(SkillPort[Ros1Graph]):
         finally:
             master.close()
         if self._uri is None:
-            said = f"there is no service {self._name}; start the robot's node"
-            raise NotAsked(StatusCode.BAD_NO_COMMUNICATION, said)
+            raise NotAsked(StatusCode.BAD_NO_COMMUNICATION, self._no_service)
         return self._uri
 
     def _asked(self, execution_id: bytes) -> None:
         if self._executing.get(execution_id) is not None:
             self._executing.progress(execution_id, 0.0)
 
-    def _responded(self, execution_id: bytes, response: Any) -> None:
-        opened = self._executing.get(execution_id)
-        if opened is None:
-            self._forget_call(execution_id)
-            self._executing.unasked(execution_id, self._name)
-        else:
-            self._end(execution_id, self._reader.read(response, opened.arguments))
-
-    def _end(self, execution_id: bytes, ended: Ended) -> None:
-        self._forget_call(execution_id)
-        if self._executing.get(execution_id) is None:
-            self._executing.unasked(execution_id, self._name)
-        else:
-            self._executing.end(execution_id, ended)
-
     def _lose(self, execution_id: bytes, why: str) -> None:
-        self._forget_call(execution_id)
+        self._called(execution_id)
         if self._executing.get(execution_id) is not None:  # a call that was given up is lost when its link ends
             self._executing.forget(execution_id, why)
 
-    def _forget_call(self, execution_id: bytes) -> None:
+    def _called(self, execution_id: bytes) -> None:
         self._calls.pop(execution_id, None)
         self._late.pop(execution_id, None)
-
-    def _ask(self, execution_id: bytes, now: float) -> None:
-        said = f"a service such as {self._name} cannot be asked afterwards; see what the robot did"
-        self._executing.forget(execution_id, said)
-
-    def _stop(self, execution_id: bytes, now: float) -> None:
-        """A service cannot be stopped."""
 
     def _give_up(self, opened: Open, now: float) -> None:
         super()._give_up(opened, now)

@@ -11,29 +11,24 @@ that it has sent itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
-from ua_bridges.ros.ports import SkillPort
-from ua_bridges.ros.skill_values import Condition, RequestFiller, ResponseReader
-from ua_bridges.ros.skills import ActionSkill, SkillSpec
-from ua_bridges.ros.topic_mapping import absolute
+from ua_bridges.ros.ports import ActionPort, Goal
+from ua_bridges.ros.skill_values import RequestFiller, ResponseReader
 from ua_bridges.ros2.qos import Qos
 from ua_bridges.ros2.skills.calls import Calls
 from ua_bridges.ros2.skills.graph import Ros2Graph, find_type, part_schema
-from ua_fleet.bridge.driver import DriverEvent, Execution
-from ua_fleet.bridge.executing import Ended, Executing, Open
+from ua_fleet.bridge.driver import Execution
+from ua_fleet.bridge.executing import Ended
 from ua_fleet.values import StatusCode
 
-__all__ = ["ActionPort"]
+__all__ = ["Ros2ActionPort"]
 
 GOAL_ANSWER_S: Final = 5.0
 """A server answers at once whether it takes a goal; after so long without an answer it is asked for the result."""
 ASK_AGAIN_S: Final = 10.0
 """A server that was restarted does not answer what the one before was asked, so results are asked for again."""
-CANCEL_S: Final = 2.0
-"""So long an overdue goal has time to end after it was canceled."""
 
 _UNKNOWN, _SUCCEEDED, _CANCELED = 0, 4, 5
 """action_msgs/GoalStatus."""
@@ -43,37 +38,27 @@ _FEEDBACK: Final = Qos(reliable=True, transient_local=False, depth=100)
 _STATUS: Final = Qos(reliable=True, transient_local=True, depth=1)
 
 
-class _Goal:
-    """A goal whose end is not known."""
+class _Goal(Goal):
+    """And when its server is asked for the result."""
 
-    __slots__ = ("ask_at", "give_up_at")
+    __slots__ = ("ask_at",)
 
     def __init__(self, ask_at: float) -> None:
+        super().__init__()
         self.ask_at = ask_at
-        self.give_up_at: float | None = None
-        """It took too long and was canceled."""
 
 
-class ActionPort(SkillPort[Ros2Graph]):
+class Ros2ActionPort(ActionPort[Ros2Graph, _Goal]):
     """See the module."""
 
-    def __init__(
-        self, spec: SkillSpec, way: ActionSkill, executing: Executing, put: Callable[[DriverEvent], None]
-    ) -> None:
-        super().__init__(spec, executing, put)
-        self._way = way
-        self._goals: dict[bytes, _Goal] = {}
-        self._progress: Condition | None = None
-
     def _open(self, graph: Ros2Graph) -> None:
-        way, name, node = self._way, absolute(self._way.name), graph.node
+        way, name, node = self._way, self._name, graph.node
         self._class = action = find_type(way.type, "action")
         parts = action.Impl
         self._filler = RequestFiller(self.spec, way, part_schema(f"{way.type}_Goal", action.Goal))
         self._filler.check(action.Goal())
         self._reader = ResponseReader(self.spec, way, way.success, action.Result())
-        if way.progress is not None:
-            self._progress = Condition(way.progress, self.spec.arguments, action.Feedback())
+        self._reports_by(action.Feedback)
         self._send = Calls(node, parts.SendGoalService, f"{name}/_action/send_goal")
         self._result = Calls(node, parts.GetResultService, f"{name}/_action/get_result")
         self._cancel = Calls(node, parts.CancelGoalService, f"{name}/_action/cancel_goal")
@@ -91,7 +76,7 @@ class ActionPort(SkillPort[Ros2Graph]):
 
     def _look(self, now: float) -> str:
         ready = self._send.is_ready and self._result.is_ready
-        return "" if ready else f"there is no action server {absolute(self._way.name)}; start the robot's node"
+        return "" if ready else self._no_server
 
     def _tell(self, execution_id: bytes, request: Any, now: float) -> None:
         self._goals[execution_id] = _Goal(now + GOAL_ANSWER_S)
@@ -123,60 +108,37 @@ class ActionPort(SkillPort[Ros2Graph]):
         if goal is None or opened is None:
             return  # the same question asked more than once
         if response.status == _UNKNOWN:
-            self._goals.pop(execution_id, None)
-            self._executing.forget(execution_id, f"the server of {absolute(self._way.name)} remembers no such goal")
+            self._close(execution_id)
+            self._executing.forget(execution_id, f"the server of {self._name} remembers no such goal")
         elif response.status == _SUCCEEDED:
             self._end(execution_id, self._reader.read(response.result, opened.arguments))
         elif goal.give_up_at is not None:
             self._end(execution_id, self._too_long("it was canceled"))
         elif response.status == _CANCELED:
-            self._goals.pop(execution_id, None)
+            self._close(execution_id)
             self._halted(execution_id)
         else:
             said = self._reader.text(response.result) or "the action server aborted the goal"
             self._end(execution_id, Ended(StatusCode.BAD_UNEXPECTED_ERROR, (), said))
 
     def _end(self, execution_id: bytes, ended: Ended) -> None:
-        self._goals.pop(execution_id, None)
+        self._close(execution_id)
         self._executing.end(execution_id, ended)
 
     def _on_feedback(self, message: Any) -> None:
-        execution_id = bytes(message.goal_id.uuid)
-        opened = self._executing.get(execution_id)
-        if opened is None or self._progress is None:
-            return  # every client of an action hears of all goals
-        fraction = self._progress.fraction(message.feedback, opened.arguments)
-        if fraction is not None:
-            self._executing.progress(execution_id, fraction)
+        self._heard_feedback(bytes(message.goal_id.uuid), message.feedback)
 
     def _on_status(self, message: Any) -> None:
         for status in message.status_list:
-            execution_id = bytes(status.goal_info.goal_id.uuid)
-            opened = self._executing.get(execution_id) if execution_id in self._goals else None
-            if opened is not None and opened.told is None and status.status in _AT_IT:
-                self._executing.progress(execution_id, 0.0)
+            if status.status in _AT_IT:
+                self._at_it(bytes(status.goal_info.goal_id.uuid))
 
-    def turn(self, now: float) -> None:
-        """See SkillPort."""
-        super().turn(now)
-        for execution_id, goal in list(self._goals.items()):
-            if self._executing.get(execution_id) is None:
-                del self._goals[execution_id]
-            elif goal.give_up_at is not None and now >= goal.give_up_at:
-                self._end(execution_id, self._too_long("it was canceled, and does not end; see what the robot does"))
-            elif now >= goal.ask_at and self._result.is_ready:
-                self._ask_for_result(execution_id, now)
+    def _follow(self, execution_id: bytes, goal: _Goal, now: float) -> bool:
+        if now >= goal.ask_at and self._result.is_ready:
+            self._ask_for_result(execution_id, now)
+        return False
 
     def _stop(self, execution_id: bytes, now: float) -> None:
         request = self._class.Impl.CancelGoalService.Request()
         request.goal_info.goal_id.uuid = list(execution_id)
         self._cancel.call(request, lambda _response: None)
-
-    def _give_up(self, opened: Open, now: float) -> None:
-        """The goal is canceled, and has a moment to end."""
-        goal = self._goals.get(opened.execution_id)
-        if goal is None:
-            super()._give_up(opened, now)
-        elif goal.give_up_at is None:
-            goal.give_up_at = now + CANCEL_S
-            self._stop(opened.execution_id, now)

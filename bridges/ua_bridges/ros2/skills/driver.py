@@ -13,10 +13,10 @@ from ua_bridges.ros.skills import SkillSpec
 from ua_bridges.ros2.graph import LOOK_S, QUIET_LOOK_S
 from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.session import Ros2Driver
-from ua_bridges.ros2.skills.action import ActionPort
+from ua_bridges.ros2.skills.action import Ros2ActionPort
 from ua_bridges.ros2.skills.ears import Ear
 from ua_bridges.ros2.skills.graph import Ros2Graph
-from ua_bridges.ros2.skills.service import ServicePort
+from ua_bridges.ros2.skills.service import Ros2ServicePort
 from ua_bridges.ros2.source import RosSource
 from ua_bridges.ros2.thread import NodeThread
 from ua_fleet.bridge.driver import DriverStatus, Inlet
@@ -92,7 +92,7 @@ class SkilledRos2Driver(SkilledDriver, Ros2Driver):
 
     def _listened(self, inlet: Inlet) -> list[Ear]:
         call = self._skill_thread.call
-        self._skills = RobotSkills(self._specs, port_maker(ServicePort, ActionPort), inlet.put, call)
+        self._skills = RobotSkills(self._specs, port_maker(Ros2ServicePort, Ros2ActionPort), inlet.put, call)
         found: dict[str, list[Listened]] = {}
         for port in self._skills:
             for listened in port.listened():

@@ -1,5 +1,5 @@
 # pyright: basic, reportMissingImports=false
-"""A skill that is a service: its response is the end. A service cannot be asked afterwards, or stopped."""
+"""A skill that is a ROS 2 service."""
 
 from __future__ import annotations
 
@@ -7,30 +7,27 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
-from ua_bridges.ros.ports import SkillPort
+from ua_bridges.ros.ports import ServicePort
 from ua_bridges.ros.skill_values import RequestFiller, ResponseReader
 from ua_bridges.ros.skills import ServiceSkill, SkillSpec
-from ua_bridges.ros.topic_mapping import absolute
 from ua_bridges.ros2.skills.calls import Calls
 from ua_bridges.ros2.skills.graph import Ros2Graph, find_type, part_schema
 from ua_fleet.bridge.driver import DriverEvent, Execution
 from ua_fleet.bridge.executing import Executing, Open
 
-__all__ = ["ServicePort"]
+__all__ = ["Ros2ServicePort"]
 
 GONE_S: Final = 1.0
 """A server that is missing for so long will not answer what it was asked before."""
 
 
-class ServicePort(SkillPort[Ros2Graph]):
+class Ros2ServicePort(ServicePort[Ros2Graph]):
     """See the module."""
 
     def __init__(
         self, spec: SkillSpec, way: ServiceSkill, executing: Executing, put: Callable[[DriverEvent], None]
     ) -> None:
-        super().__init__(spec, executing, put)
-        self._way = way
-        self.cannot_stop = f"the service {absolute(way.name)} cannot be stopped once it is called"
+        super().__init__(spec, way, executing, put)
         self._asked: set[bytes] = set()
         self._gone_at: float | None = None
 
@@ -40,26 +37,21 @@ class ServicePort(SkillPort[Ros2Graph]):
         self._filler = RequestFiller(self.spec, way, part_schema(f"{way.type}_Request", self._class.Request))
         self._filler.check(self._class.Request())
         self._reader = ResponseReader(self.spec, way, way.success, self._class.Response())
-        self._calls = Calls(graph.node, self._class, absolute(way.name))
+        self._calls = Calls(graph.node, self._class, self._name)
 
     def _request_of(self, execution: Execution) -> Any:
         return self._filler.fill(self._class.Request(), execution.values)
 
-    def _look(self, now: float) -> str:
-        return "" if self._calls.is_ready else f"there is no service {self._calls.name}; start the robot's node"
+    def _is_there(self) -> bool:
+        return self._calls.is_ready
 
     def _tell(self, execution_id: bytes, request: Any, now: float) -> None:
         self._asked.add(execution_id)
         self._executing.progress(execution_id, 0.0)
-        self._calls.call(request, partial(self._answered, execution_id))
+        self._calls.call(request, partial(self._responded, execution_id))
 
-    def _answered(self, execution_id: bytes, response: Any) -> None:
+    def _called(self, execution_id: bytes) -> None:
         self._asked.discard(execution_id)
-        opened = self._executing.get(execution_id)
-        if opened is None:
-            self._executing.unasked(execution_id, self._calls.name)
-        else:
-            self._executing.end(execution_id, self._reader.read(response, opened.arguments))
 
     def turn(self, now: float) -> None:
         """See SkillPort."""
@@ -70,15 +62,8 @@ class ServicePort(SkillPort[Ros2Graph]):
             self._gone_at = now + GONE_S
         elif now >= self._gone_at:
             for execution_id in self._asked:
-                self._executing.forget(execution_id, f"the server of {self._calls.name} went before it answered")
+                self._executing.forget(execution_id, f"the server of {self._name} went before it answered")
             self._asked.clear()
-
-    def _ask(self, execution_id: bytes, now: float) -> None:
-        said = f"a service such as {self._calls.name} cannot be asked afterwards; see what the robot did"
-        self._executing.forget(execution_id, said)
-
-    def _stop(self, execution_id: bytes, now: float) -> None:
-        """A service cannot be stopped."""
 
     def _give_up(self, opened: Open, now: float) -> None:
         self._asked.discard(opened.execution_id)

@@ -25,11 +25,11 @@ from ua_bridges.ros.skills import ActionSkill, RosSkillMapping, ServiceSkill, Sk
 from ua_bridges.ros.topic_mapping import QosConfig
 from ua_bridges.ros1.classes import TypeUnavailable, needed_service, needed_type
 from ua_bridges.ros1.master import RosMaster, SystemState
-from ua_bridges.ros1.skills.action import ActionPort
+from ua_bridges.ros1.skills.action import Ros1ActionPort
 from ua_bridges.ros1.skills.exchange import CallFailed, CallLost, NotAsked, exchange
 from ua_bridges.ros1.skills.feed import MOST_WAITING, MOST_WAITING_BYTES, SkillFeed
 from ua_bridges.ros1.skills.graph import Ros1Graph, ros1_name
-from ua_bridges.ros1.skills.service import ServicePort
+from ua_bridges.ros1.skills.service import Ros1ServicePort
 
 from ua_fleet.bridge.driver import (
     DriverEvent,
@@ -91,7 +91,7 @@ class Acting:
         spec = SkillSpec("arm", "count", Topic(1, 2, 5), Topic(1, 2, 6), config, mapping)
         self.executing = Executing(self.events.append)
         assert isinstance(mapping.way, ActionSkill)
-        self.port = ActionPort(spec, mapping.way, self.executing, self.events.append)
+        self.port = Ros1ActionPort(spec, mapping.way, self.executing, self.events.append)
         self.graph = Graph()
         self.port.opened(self.graph)  # type: ignore[arg-type]  # what a port of actions uses of it
         assert self.port.problem == ""
@@ -430,7 +430,7 @@ class Calling:
         graph = Ros1Graph("/ua_bridge", "http://127.0.0.1:1", lambda: state, self._steps.put, self.events.append)
         spec = SkillSpec("arm", "hold", Topic(1, 2, 5), Topic(1, 2, 6), config, mapping)
         self.executing = Executing(self.events.append)
-        self.port = ServicePort(spec, mapping.way, self.executing, self.events.append)
+        self.port = Ros1ServicePort(spec, mapping.way, self.executing, self.events.append)
         self.port.opened(graph)
         self.port.turn(0.0)
         monkeypatch.setattr(RosMaster, "service_uri", lambda _master, _name: uri)

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from ua_bridges.ros.config import RosBridgeConfig
+from ua_bridges.ros.bridge_config import RosBridgeConfig
 
 __all__ = ["Ros1BridgeConfig"]
 

@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
-from ua_bridges.ros.config import RosBridgeConfig
+from ua_bridges.ros.bridge_config import RosBridgeConfig
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.topics import LAST_ROS2_SPACE, ROS1_SPACE, check_ros2_space
 

@@ -71,8 +71,8 @@ AnyOutlet = TypeVar("AnyOutlet", bound=Outlet)
 class Publishing(ABC, Generic[AnyOutlet]):
     """How a bridge publishes in its ROS."""
 
-    failures: tuple[type[Exception], ...] = ()
-    """What the library raises when a message cannot be published."""
+    failures: tuple[type[Exception], ...] = (ConversionError,)
+    """What an outlet raises when a message cannot be published; a library may have errors of its own."""
 
     @abstractmethod
     def mirror(self, name: str, form: Form, *, latched: bool) -> tuple[AnyOutlet, Form]:
@@ -229,7 +229,7 @@ class Outlets(Generic[AnyOutlet]):
                 continue
             try:
                 is_written = sink.outlet.write(values)
-            except (ConversionError, *self._publishing.failures) as error:
+            except self._publishing.failures as error:
                 self._inlet.put(Dropped(Drop.CONVERSION, detail=f"{sink.outlet.name}: {error}"))
             else:
                 if not is_written:
@@ -248,7 +248,7 @@ class Outlets(Generic[AnyOutlet]):
             return False
         try:
             lost = outlet.publish(values)
-        except (ConversionError, *self._publishing.failures) as error:
+        except self._publishing.failures as error:
             self._inlet.put(Dropped(Drop.CONVERSION, detail=f"{outlet.name}: {error}"))
             return False
         self.count_lost(outlet.name, lost)

@@ -8,6 +8,7 @@ from typing import Any
 
 import rospy
 
+from ua_bridges.ros.errors import ConversionError
 from ua_bridges.ros.feed import Mapped
 from ua_bridges.ros.form import Form, with_stamp
 from ua_bridges.ros.outlets import Publishing
@@ -22,7 +23,7 @@ __all__ = ["Ros1Publishing"]
 class Ros1Publishing(Publishing[Outlet]):
     """See Publishing. The watch registers what is new."""
 
-    failures = (rospy.ROSException, rospy.ROSSerializationException)
+    failures = (ConversionError, rospy.ROSException, rospy.ROSSerializationException)
 
     def __init__(self, changed: Callable[[Outlet | None], None]) -> None:
         """`changed` is told that there is another outlet than before, with the one that it replaces."""

@@ -55,7 +55,7 @@ class FakeOutlet:
 
 
 class FakePublishing(Publishing[FakeOutlet]):
-    failures = (KeyError,)
+    failures = (ConversionError, KeyError)
 
     def __init__(self) -> None:
         self.told: list[tuple[str | None, str | None]] = []
@@ -75,7 +75,7 @@ class FakePublishing(Publishing[FakeOutlet]):
         return self.held
 
     def changed(self, made: FakeOutlet | None, replaced: FakeOutlet | None) -> None:
-        self.told.append((made and made.name, replaced and replaced.name))
+        self.told.append((made.name if made else None, replaced.name if replaced else None))
 
 
 class Bench:

@@ -80,7 +80,7 @@ def test_the_best_robot_takes_over_by_itself(processes: Processes, tmp_path: Pat
 
 
 def test_a_process_that_does_not_start_is_named_with_its_log(processes: Processes, tmp_path: Path) -> None:
-    (tmp_path / "run" / "state" / "commands.db").mkdir(parents=True)
+    (tmp_path / "run" / "state" / "server.db").mkdir(parents=True)
     with demonstration(processes, tmp_path, "--speed", "15", "--without-ros1") as started:
         line = started.child.wait_for("ua-fleet: server ended with code", timeout_s=60)
         assert started.child.process.wait(60) == 1

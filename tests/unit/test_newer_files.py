@@ -24,6 +24,7 @@ from ua_fleet.storage.key_files import KeyFile, KeyFolder
 from ua_fleet.storage.nonces import FileNonces
 from ua_fleet.storage.registry import Registry
 from ua_fleet.storage.run_journal import RunJournal
+from ua_fleet.storage.server_records import SERVER_FILE, ServerRecords
 from ua_fleet.wire.security import SecurityPolicy
 
 POLICY = SecurityPolicy.named("PubSub-Aes256-CTR")
@@ -38,6 +39,11 @@ def database(kept: Callable[[Path], Any]) -> Callable[[Path], Path]:
         return path
 
     return use
+
+
+def records(folder: Path) -> Path:
+    ServerRecords(folder).close()
+    return folder / SERVER_FILE
 
 
 def users(folder: Path) -> Path:
@@ -89,7 +95,8 @@ def raised_document(path: Path) -> None:
 
 
 SQLITE = {
-    "requests and executions": database(SqliteJournal),
+    "what a server records": records,
+    "executions of a bridge": database(SqliteJournal),
     "runs of scenarios": database(RunJournal),
     "registered robots": database(Registry),
     "commands of PLCs": database(CommandMemory),

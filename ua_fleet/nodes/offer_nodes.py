@@ -20,7 +20,8 @@ from ua_fleet.nodes.method_factory import NOT_FOUND, NOT_POSSIBLE, MethodArgumen
 from ua_fleet.nodes.node_factory import STANDARD, NodeFactory
 from ua_fleet.nodes.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.nodes.projection import Projection
-from ua_fleet.operation.robots.offers import ClientOffers, OfferedExecution, read_results
+from ua_fleet.operation.robots.offered_results import read_results
+from ua_fleet.operation.robots.offers import ClientOffers, OfferedExecution
 from ua_fleet.operation.robots.roster import RobotRegistry, RobotUnknown
 from ua_fleet.skill.executions import EXECUTION_ID_BYTES
 from ua_fleet.topics import SERVER_SPACE, Topic

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Final
 
 import structlog
 
@@ -50,24 +49,13 @@ from ua_fleet.server.run_log import RunLog
 from ua_fleet.server.scenario_setup import add_scenarios
 from ua_fleet.server.skill_ends import SkillEnds
 from ua_fleet.server.teleoperation.setup import add_teleoperation
-from ua_fleet.storage.journal import SqliteJournal
-from ua_fleet.storage.registry import Registry
-from ua_fleet.storage.run_journal import RunJournal
+from ua_fleet.storage.server_records import ServerRecords
 from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Transport
 from ua_fleet.transport.udp import UdpTransport
 from ua_fleet.wire.security import SecurityMode
 
 __all__ = ["application_uri", "run_server"]
-
-JOURNAL: Final = "commands.db"
-"""In the server's `state_dir`: what it asked robots to do."""
-OFFERS_JOURNAL: Final = "offers.db"
-"""In the server's `state_dir`: what clients were asked to do."""
-REGISTRY: Final = "robots.db"
-"""In the server's `state_dir`: robots that were registered or announced."""
-RUN_JOURNAL: Final = "runs.db"
-"""In the server's `state_dir`: runs of scenarios, and faults."""
 
 
 def application_uri(config: FleetConfig) -> str:
@@ -125,8 +113,8 @@ async def run_server(
     handler_before = loop.get_exception_handler()
     loop.set_exception_handler(mistakes.in_loop)
     try:
-        registry = stack.enter_context(Registry(state_dir / REGISTRY))
-        roster = RobotRegistry(config, configured, registry, time.time, structlog.get_logger("ua_fleet.server"))
+        records = stack.enter_context(ServerRecords(state_dir))
+        roster = RobotRegistry(config, configured, records.robots, time.time, structlog.get_logger("ua_fleet.server"))
         model = roster.restore()
         await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index, config.fleet.namespaces)
         nodes = FleetNodes(server.iserver.aspace, model)
@@ -139,7 +127,6 @@ async def run_server(
             keys = LocalKeySource(service)
         elif config.pubsub.security is not PubSubSecurity.NONE:
             keys = file_keys_of(config, SERVER_SPACE, config_dir)
-        journal = stack.enter_context(SqliteJournal(state_dir / JOURNAL))
         events = ServerEvents(server.iserver)
         ends, run_log = SkillEnds(monitor), RunLog()
 
@@ -159,7 +146,7 @@ async def run_server(
             transport or _udp(config.pubsub),
             projection,
             state_dir=state_dir,
-            journal=journal,
+            journal=records.requests,
             keys=keys,
             rule=rule,
             sent=sent,
@@ -171,7 +158,7 @@ async def run_server(
             hub.recent,
             is_encrypted=hub.envelope.mode is SecurityMode.SIGN_AND_ENCRYPT,
         ).build()
-        offers = make_offers(hub, stack.enter_context(SqliteJournal(state_dir / OFFERS_JOURNAL)))
+        offers = make_offers(hub, records.executions)
         requests = SkillRouter(hub.skills, offers)
 
         def driven(robot: str, told: str) -> None:
@@ -190,11 +177,10 @@ async def run_server(
         )
         for robot in model.robots:
             methods.add(robot)
-        runs = stack.enter_context(RunJournal(state_dir / RUN_JOURNAL))
         folder = config_dir / config.scenarios.folder
         activities = RobotActivities()
         scenarios = add_scenarios(
-            config, model, server, hub, nodes, runs, projection, folder, requests, run_log, activities
+            config, model, server, hub, nodes, records.runs, projection, folder, requests, run_log, activities
         )
         add_roster(roster, offers, server, hub, nodes, projection, methods, scenarios, activities)
         wanted = WantedData(

@@ -22,8 +22,8 @@ from ua_fleet.nodes.scenario_nodes import ScenarioNodes
 from ua_fleet.nodes.scenario_view import ScenarioView
 from ua_fleet.operation.runs.activity import RobotActivities
 from ua_fleet.operation.runs.clock import steady
-from ua_fleet.operation.runs.requests import Requests
 from ua_fleet.operation.runs.service import ScenarioService
+from ua_fleet.operation.runs.task_calls import Requests
 from ua_fleet.orchestrator import Output, RunChanged
 from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.run_log import RunLog

@@ -12,6 +12,7 @@ Records are NamedTuples of numbers, texts and bytes, so that a table with the sa
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from typing import NamedTuple, Protocol
 
 from ua_fleet.skill.executions import ExecutionReport, RequestOutcome, Target
@@ -75,7 +76,15 @@ class RequestorJournal(Protocol):
         ...
 
     def forget_requests(self, execution_ids: Collection[bytes]) -> None:
-        """Forget requests that have an outcome; never the one with the greatest issue time."""
+        """Forget requests that have an outcome, or were never sent; never the sent one with the greatest issue time."""
+        ...
+
+    def one_sync(self) -> AbstractContextManager[None]:
+        """Have what is recorded within synced once: at the first `settle` after it, and at the end."""
+        ...
+
+    def settle(self) -> None:
+        """What was recorded is on the disk when this returns, and may have effects outside."""
         ...
 
 
@@ -131,6 +140,13 @@ class MemoryJournal:
         """See RequestorJournal."""
         for execution_id in execution_ids:
             del self._requests[execution_id]
+
+    def one_sync(self) -> AbstractContextManager[None]:
+        """See RequestorJournal."""
+        return nullcontext()
+
+    def settle(self) -> None:
+        """See RequestorJournal."""
 
     def recorded(self, execution: RecordedExecution) -> None:
         """See ResponderJournal."""

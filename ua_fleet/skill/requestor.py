@@ -19,6 +19,10 @@ A request is journaled, then sent as ActionState Executing, and repeated (OPC 10
     closed   `inquire`, the outcome Unknown because no answer came     ask with TimeoutHint 0            -> ASKING
     any      restart                                                   requests without an outcome       -> ASKING
 
+An owner that writes requests down itself, with what they follow from, calls `prepare`, writes, and calls `prepared`;
+`begin` sends what is recorded so. What is not to be sent after all (`leave`) is deleted by the owner with what it
+writes next: until then a restart asks for it as for any other request.
+
 A TimeoutHint of 0 only asks: a responder that does not know the execution never begins it, and says and records so.
 That makes the outcomes sharp. Accepted, Refused and TimedOut are the responder's word: the robot was told exactly
 once; never was and never will be; never was, because it was too late. Unknown is all else, and says that somebody has
@@ -31,7 +35,7 @@ All that is sent for an execution is the same in each run of the requestor: its 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
@@ -50,6 +54,7 @@ from ua_fleet.skill.executions import (
     unpack,
 )
 from ua_fleet.skill.journal import RecordedRequest, RequestorJournal
+from ua_fleet.skill.prepared import PreparedRequests
 from ua_fleet.values import TICKS_PER_SECOND, StatusCode, Variant
 from ua_fleet.wire.actions import ActionMessage, ActionState
 
@@ -165,6 +170,7 @@ class ActionRequestor:
         self._requests = {request.execution_id: request for request in journal.requests()}
         self._last_issued = max((request.issued for request in self._requests.values()), default=0)
         self._exchanges: dict[bytes, _Exchange] = {}
+        self._prepared = PreparedRequests[RecordedRequest]()
         self._contradicted: dict[bytes, None] = {}
         """Executions of which that was told, the oldest first."""
 
@@ -215,25 +221,63 @@ class ActionRequestor:
             SkillRejected: the id has not 16 bytes, or belongs to another request, or the timeout is none.
             LocalWireError: the values do not fit their types.
         """
-        content = pack(types, values)
-        timeout_ms = round(timeout_s * 1000)
-        if len(execution_id) != EXECUTION_ID_BYTES:
-            raise SkillRejected(f"an execution id has {EXECUTION_ID_BYTES} bytes, not {len(execution_id)}")
-        if timeout_ms <= 0:
-            raise SkillRejected(f"a request needs a timeout of 1 ms at least, not {timeout_s} s")
         known = self._requests.get(execution_id)
         if known is not None:
-            if (known.target, known.content) != (target, content):
+            if (known.target, known.content) != (target, pack(types, values)):
                 raise SkillRejected(f"execution {execution_id.hex()} is another request already")
             return [] if known.outcome is None else [Concluded(execution_id, known.outcome)]
         self._make_room()
-        request = RecordedRequest(
-            execution_id, target, content, max(utc, self._last_issued + 1), timeout_ms, version=version
-        )
+        if execution_id in self._prepared:
+            self._journal.forget_requests([execution_id])
+            self._prepared.left_out([execution_id])
+        request = self._new(execution_id, target, types, values, timeout_s, utc, version)
         self._journal.requested(request)
-        self._last_issued = request.issued
         self._requests[execution_id] = request
-        return self._ask(request, now, now + timeout_ms / 1000)
+        return self._ask(request, now, now + request.timeout_ms / 1000)
+
+    def prepare(
+        self,
+        execution_id: bytes,
+        target: Target,
+        types: tuple[int, ...],
+        values: tuple[Any, ...],
+        timeout_s: float,
+        utc: int,
+        *,
+        version: int = 0,
+    ) -> RecordedRequest | None:
+        """The record of a request that the owner writes down; None where one of this id was. Raises as `start` does."""
+        if execution_id in self._requests or execution_id in self._prepared:
+            return None
+        return self._new(execution_id, target, types, values, timeout_s, utc, version)
+
+    def prepared(self, requests: Iterable[RecordedRequest]) -> None:
+        """These were written down; nothing was sent."""
+        for request in requests:
+            self._prepared.add(request.execution_id, request)
+
+    def is_prepared(self, execution_id: bytes) -> bool:
+        """Whether `begin` would send a request."""
+        return self._prepared.is_next(execution_id)
+
+    def begin(self, execution_id: bytes, now: float) -> list[RequestorEffect]:
+        """Ask for what is prepared; KeyError where it is not."""
+        self._make_room()
+        request = self._requests[execution_id] = self._prepared.take(execution_id)
+        return self._ask(request, now, now + request.timeout_ms / 1000)
+
+    def leave(self, execution_id: bytes) -> None:
+        """What is prepared is not to be sent; where nothing is, nothing happens."""
+        self._prepared.leave(execution_id)
+
+    @property
+    def left(self) -> tuple[bytes, ...]:
+        """What was written down and left: the owner deletes it, and calls `left_out`."""
+        return self._prepared.left
+
+    def left_out(self, execution_ids: Iterable[bytes]) -> None:
+        """These are not written down any more."""
+        self._prepared.left_out(execution_ids)
 
     def withdraw(self, execution_id: bytes, now: float) -> list[RequestorEffect]:
         """Have a request that nobody has answered yet begun no more: from now on it only asks.
@@ -308,6 +352,26 @@ class ActionRequestor:
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""
         return min((_due(exchange) for exchange in self._exchanges.values()), default=None)
+
+    def _new(
+        self,
+        execution_id: bytes,
+        target: Target,
+        types: tuple[int, ...],
+        values: tuple[Any, ...],
+        timeout_s: float,
+        utc: int,
+        version: int,
+    ) -> RecordedRequest:
+        """A request with the next issue time; raises as `start` does."""
+        content = pack(types, values)
+        timeout_ms = round(timeout_s * 1000)
+        if len(execution_id) != EXECUTION_ID_BYTES:
+            raise SkillRejected(f"an execution id has {EXECUTION_ID_BYTES} bytes, not {len(execution_id)}")
+        if timeout_ms <= 0:
+            raise SkillRejected(f"a request needs a timeout of 1 ms at least, not {timeout_s} s")
+        self._last_issued = max(utc, self._last_issued + 1)
+        return RecordedRequest(execution_id, target, content, self._last_issued, timeout_ms, version=version)
 
     def _ask(self, request: RecordedRequest, now: float, deadline: float) -> list[RequestorEffect]:
         give_up = deadline + self._pace.grace_s
@@ -417,12 +481,11 @@ class ActionRequestor:
         """Forget the oldest requests that are closed, an eighth at a time."""
         if len(self._requests) < self._most_remembered:
             return
+        newest = max(request.issued for request in self._requests.values())  # from which issue times go on
         closed = [
             execution_id
             for execution_id, request in self._requests.items()
-            if request.outcome is not None
-            and execution_id not in self._exchanges
-            and request.issued != self._last_issued
+            if request.outcome is not None and execution_id not in self._exchanges and request.issued != newest
         ]
         oldest = closed[: -(-self._most_remembered // 8)]
         if oldest:

@@ -2,6 +2,10 @@
 
 A file is used by one process at a time: it stays locked until it is closed or the process ends, whichever way. What
 `Database.commit` returned from is on the disk (WAL with synchronous=FULL: the log is synced at each commit).
+
+Within `one_sync` a commit is whole or not there as ever, and outlives a kill of the process; the disk is synced once,
+by `settle`, before anything of it leaves the process, and at the end. After a power cut the first commits are there,
+without a gap.
 """
 
 from __future__ import annotations
@@ -10,17 +14,21 @@ import contextlib
 import errno
 import os
 import sqlite3
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from ua_fleet.errors import UPGRADE, StorageUnavailable, newer_version
-from ua_fleet.storage.files import make_private_folder
+from ua_fleet.storage.files import make_private_folder, sync_folder
 
-__all__ = ["Database"]
+__all__ = ["Database", "Run", "Statement", "version_of"]
 
 APPLICATION_ID: Final = 0x7561_666A
 """`uafj`: tells our files from other SQLite files."""
+Statement = tuple[str, Sequence[Any]]
+"""A statement of SQL, with its values."""
+Run = Callable[[str, Sequence[Any]], object]
+"""Does a statement, within a transaction."""
 _LOCK_WAIT_S: Final = 1.0
 """How long the end of a process that still holds the file is waited for."""
 _FULL: Final = (sqlite3.SQLITE_FULL,)
@@ -32,49 +40,120 @@ _READ_ONLY: Final = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM, sqlite3.SQLIT
 class Database:
     """An open SQLite file. Every method raises StorageUnavailable where the file or the disk does not do its part."""
 
-    def __init__(self, path: Path, *, version: int, schema: Sequence[str]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        version: int,
+        schema: Sequence[str],
+        additions: Sequence[str] = (),
+        fill: Callable[[Run], None] = lambda run: None,
+    ) -> None:
         """Open a file, or make it with its folder; only its owner may read both.
 
         Args:
             path: the file.
             version: of the schema.
             schema: statements that make an empty file one of this version.
+            additions: statements that are done at each opening: what files of this version may not have yet.
+            fill: puts in what an empty file has from the beginning; that and the schema are one commit.
         """
         self.path = path
-        with self._errors():
+        self._shares_sync = False
+        self._is_unsynced = False
+        """Whether something was committed that the next `settle` has to sync."""
+        self._failed_sync = ""
+        """Why the disk could not be synced. Then nobody knows what of the log is on it, and it stays so."""
+        with _errors(self.path):
             make_private_folder(path.parent)
             # SQLite gives the log the rights that the file has.
             os.close(os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600))
             path.chmod(0o600)
             self._connection = sqlite3.connect(path, timeout=_LOCK_WAIT_S, isolation_level=None)
         try:
-            with self._errors():
-                self._prepare(version, schema)
+            with _errors(self.path):
+                self._prepare(version, schema, fill)
+                for statement in additions:
+                    self._connection.execute(statement)
         except BaseException:
             self._connection.close()
             raise
 
     def read(self, statement: str, values: Sequence[Any] = ()) -> list[Any]:
         """All rows of a query."""
-        with self._errors():
+        with _errors(self.path):
             return self._connection.execute(statement, values).fetchall()
 
-    def commit(self, *statements: tuple[str, Sequence[Any]]) -> int:
+    def rows(self, statement: str) -> Generator[Sequence[Any]]:
+        """The rows of a query one by one, however many."""
+        with _errors(self.path):
+            yield from self._connection.execute(statement)
+
+    def commit(self, *statements: Statement) -> int:
         """Do all of them or none; on the disk when it returns. The number of rows that the last one changed."""
-        with self._errors():
+        self._check_sync()
+        changed = 0
+        with _errors(self.path):
             if len(statements) == 1:
-                return self._connection.execute(*statements[0]).rowcount
-            changed = 0
-            with self._transaction():
-                for statement, values in statements:
-                    changed = self._connection.execute(statement, values).rowcount
-            return changed
+                changed = self._connection.execute(*statements[0]).rowcount
+            else:
+                with self._transaction():
+                    for statement, values in statements:
+                        changed = self._connection.execute(statement, values).rowcount
+        self._is_unsynced = self._shares_sync
+        return changed
+
+    @contextlib.contextmanager
+    def one_sync(self) -> Generator[None]:
+        """Have all that is committed within synced once: at the first `settle` after it, and at the end.
+
+        Nothing of it may leave the process before: who sends anything calls `settle` first. Within another one it is a
+        part of that.
+        """
+        if self._shares_sync:
+            yield
+            return
+        with _errors(self.path):
+            self._connection.execute("PRAGMA synchronous=NORMAL")
+        self._shares_sync = True
+        try:
+            yield
+        finally:
+            self._shares_sync = False
+            with _errors(self.path):
+                self._connection.execute("PRAGMA synchronous=FULL")
+            self.settle()
+
+    def settle(self) -> None:
+        """Have all that was committed on the disk when this returns."""
+        self._check_sync()
+        if not self._is_unsynced:
+            return
+        try:
+            # No lock is on the log, so that closing it frees none.
+            log = os.open(f"{self.path}-wal", os.O_RDWR | os.O_CLOEXEC)
+            try:
+                os.fdatasync(log)
+            finally:
+                os.close(log)
+        except OSError as error:
+            self._failed_sync = error.strerror or str(error)
+            self._check_sync()
+        self._is_unsynced = False
+
+    def _check_sync(self) -> None:
+        """After a sync that failed, the kernel may say of the next one that all is well: what it lost is lost."""
+        if self._failed_sync:
+            raise StorageUnavailable(
+                f"{self.path}: the disk could not be synced ({self._failed_sync}); look at the disk, and start this"
+                f" process again"
+            )
 
     def close(self) -> None:
         """Give the file free. Safe to call twice."""
         self._connection.close()
 
-    def _prepare(self, version: int, schema: Sequence[str]) -> None:
+    def _prepare(self, version: int, schema: Sequence[str], fill: Callable[[Run], None]) -> None:
         run = self._connection.execute
         run("PRAGMA locking_mode=EXCLUSIVE")
         is_new = run("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0
@@ -86,11 +165,14 @@ class Database:
             if is_new:
                 for statement in schema:
                     run(statement)
+                fill(run)
                 run(f"PRAGMA application_id={APPLICATION_ID}")
                 run(f"PRAGMA user_version={version}")
         complaint = run("PRAGMA quick_check(1)").fetchone()[0]
         if complaint != "ok":
             raise sqlite3.DatabaseError(str(complaint))
+        if is_new:
+            sync_folder(self.path.parent)
 
     def _check_kind(self, version: int) -> None:
         [(kind,)], [(found,)] = self.read("PRAGMA application_id"), self.read("PRAGMA user_version")
@@ -115,29 +197,46 @@ class Database:
                 self._connection.execute("ROLLBACK")
             raise
 
-    @contextlib.contextmanager
-    def _errors(self) -> Generator[None]:
-        try:
-            yield
-        except sqlite3.Error as error:
-            raise StorageUnavailable(self._said(error)) from error
-        except OSError as error:
-            reason = error.strerror or str(error)
-            remedy = "free some space" if error.errno == errno.ENOSPC else "look at the rights of its folder"
-            raise StorageUnavailable(f"{self.path}: {reason}; {remedy}") from error
 
-    def _said(self, error: sqlite3.Error) -> str:
-        code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
-        reason = " ".join(str(error).split())
-        if code in _FULL:
-            return f"{self.path}: the disk is full; free some space"
-        if code in _LOCKED:
-            return f"{self.path} is in use by another process; stop it, or give this one a state_dir of its own"
-        if code in _BROKEN:
-            return (
-                f"{self.path} is broken ({reason}); see what the robots are doing, then move the file away: what it"
-                f" recorded is no longer known"
-            )
-        if code in _READ_ONLY:
-            return f"{self.path} cannot be written ({reason}); look at the rights of its folder"
-        return f"{self.path}: {reason}; look at the disk"
+def version_of(path: Path) -> int:
+    """The version of a file; 0 where there is none, or one of another program.
+
+    Raises:
+        StorageUnavailable: it cannot be read.
+    """
+    if not path.exists():
+        return 0
+    with _errors(path), contextlib.closing(sqlite3.connect(path, timeout=_LOCK_WAIT_S)) as connection:
+        kind, version = [
+            connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")
+        ]
+    return int(version) if kind == APPLICATION_ID else 0
+
+
+@contextlib.contextmanager
+def _errors(path: Path) -> Generator[None]:
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise StorageUnavailable(_said(path, error)) from error
+    except OSError as error:
+        reason = error.strerror or str(error)
+        remedy = "free some space" if error.errno == errno.ENOSPC else "look at the rights of its folder"
+        raise StorageUnavailable(f"{path}: {reason}; {remedy}") from error
+
+
+def _said(path: Path, error: sqlite3.Error) -> str:
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
+    reason = " ".join(str(error).split())
+    if code in _FULL:
+        return f"{path}: the disk is full; free some space"
+    if code in _LOCKED:
+        return f"{path} is in use by another process; stop it, or give this one a state_dir of its own"
+    if code in _BROKEN:
+        return (
+            f"{path} is broken ({reason}); see what the robots are doing, then move the file away: what it"
+            f" recorded is no longer known"
+        )
+    if code in _READ_ONLY:
+        return f"{path} cannot be written ({reason}); look at the rights of its folder"
+    return f"{path}: {reason}; look at the disk"

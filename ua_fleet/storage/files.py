@@ -7,7 +7,7 @@ import os
 import secrets
 from pathlib import Path
 
-__all__ = ["make_private_folder", "open_to_others", "write_whole"]
+__all__ = ["make_private_folder", "open_to_others", "sync_folder", "write_whole"]
 
 
 def make_private_folder(path: Path) -> None:
@@ -53,7 +53,7 @@ def write_whole(path: Path, data: bytes, mode: int = 0o600, *, like: os.stat_res
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    _sync_folder(path.parent)
+    sync_folder(path.parent)
 
 
 def open_to_others(path: Path, status: os.stat_result | None = None) -> str:
@@ -70,7 +70,12 @@ def open_to_others(path: Path, status: os.stat_result | None = None) -> str:
     return ""
 
 
-def _sync_folder(path: Path) -> None:
+def sync_folder(path: Path) -> None:
+    """Have the names of its files outlive a power cut.
+
+    Raises:
+        OSError: it cannot be synced.
+    """
     folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(folder)

@@ -1,4 +1,4 @@
-"""Robots that were registered with a server or announced to it, in one SQLite file."""
+"""Robots that were registered with a server or announced to it, in a SQLite file."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Final, NamedTuple, Self
 
 from ua_fleet.storage.database import Database
 
-__all__ = ["Registry", "StoredRobot"]
+__all__ = ["REGISTRY_TABLES", "Registry", "StoredRobot"]
 
 _VERSION: Final = 1
-_SCHEMA: Final = (
+REGISTRY_TABLES: Final = (
     """CREATE TABLE robots (
     name TEXT PRIMARY KEY, origin TEXT NOT NULL, bridge TEXT NOT NULL, definition TEXT NOT NULL,
     registered_by TEXT NOT NULL, registered_s REAL NOT NULL) STRICT""",
@@ -36,13 +36,21 @@ class StoredRobot(NamedTuple):
 class Registry:
     """These robots. Every method raises StorageUnavailable where it cannot do its part."""
 
-    def __init__(self, path: Path) -> None:
-        """Open a file, or begin one; no other process can use it until `close`."""
-        self._database = Database(path, version=_VERSION, schema=_SCHEMA)
+    def __init__(self, file: Path | Database) -> None:
+        """Open a registry, or begin one; no other process can use its file until `close`.
+
+        Args:
+            file: of its own; or one that is open and has these tables, and is its owner's to close.
+        """
+        self._owned: Database | None = None
+        if isinstance(file, Path):
+            file = self._owned = Database(file, version=_VERSION, schema=REGISTRY_TABLES)
+        self._database = file
 
     def close(self) -> None:
-        """Give the file free. Safe to call twice."""
-        self._database.close()
+        """Give a file of its own free. Safe to call twice."""
+        if self._owned is not None:
+            self._owned.close()
 
     def __enter__(self) -> Self:
         return self

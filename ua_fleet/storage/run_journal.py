@@ -6,16 +6,21 @@ after that alone. So a process that is killed at any moment finds all that robot
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Self
+from typing import Final, NamedTuple, Self
 
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.orchestrator import Fault, Halt, HaltChanged, Hold, HoldChanged
 from ua_fleet.scenario.facts import Fact, RunEnded, decode_fact, encode_fact
-from ua_fleet.storage.database import Database
+from ua_fleet.skill.journal import RecordedExecution, RecordedRequest
+from ua_fleet.storage.action_rows import delete
+from ua_fleet.storage.database import Database, Statement
+from ua_fleet.storage.journal import execution_statement
+from ua_fleet.storage.request_journal import request_statement
 
-__all__ = ["RunJournal", "StoredRun", "StoredSetting"]
+__all__ = ["RUN_TABLES", "RunJournal", "StoredRun", "StoredSetting"]
 
 _VERSION: Final = 1
 _SCHEMA: Final = (
@@ -47,7 +52,8 @@ _HOLDS: Final = """CREATE TABLE IF NOT EXISTS holds (robot TEXT PRIMARY KEY, hel
     reason TEXT NOT NULL) STRICT"""
 """Likewise."""
 
-_Statement = tuple[str, Sequence[Any]]
+_ADDITIONS: Final = (_SETTINGS, _FAULT_CAPACITIES, _HALTS, _HALT_REASONS, _HOLDS)
+RUN_TABLES: Final = (*_SCHEMA, *_ADDITIONS)
 
 
 class StoredRun(NamedTuple):
@@ -70,20 +76,25 @@ class StoredSetting(NamedTuple):
 class RunJournal:
     """Runs in the order in which they began. Every method raises StorageUnavailable where it cannot do its part."""
 
-    def __init__(self, path: Path) -> None:
-        """Open a journal, or begin one; no other process can use it until `close`."""
-        self._database = Database(path, version=_VERSION, schema=_SCHEMA)
-        try:
-            self._database.commit(
-                (_SETTINGS, ()), (_FAULT_CAPACITIES, ()), (_HALTS, ()), (_HALT_REASONS, ()), (_HOLDS, ())
-            )
-        except BaseException:
-            self._database.close()
-            raise
+    def __init__(self, file: Path | Database) -> None:
+        """Open a journal, or begin one; no other process can use its file until `close`.
+
+        Args:
+            file: of its own; or one that is open and has these tables, and is its owner's to close.
+        """
+        self._owned: Database | None = None
+        if isinstance(file, Path):
+            file = self._owned = Database(file, version=_VERSION, schema=_SCHEMA, additions=_ADDITIONS)
+        self._database = file
 
     def close(self) -> None:
-        """Give the file free. Safe to call twice."""
-        self._database.close()
+        """Give a file of its own free. Safe to call twice."""
+        if self._owned is not None:
+            self._owned.close()
+
+    def one_sync(self) -> AbstractContextManager[None]:
+        """Have all that is written within synced once, before anything of it leaves the process; see Database."""
+        return self._database.one_sync()
 
     def __enter__(self) -> Self:
         return self
@@ -97,32 +108,30 @@ class RunJournal:
         faults: Iterable[Fault] = (),
         halts: Iterable[HaltChanged] = (),
         holds: Iterable[HoldChanged] = (),
+        requests: Iterable[RecordedRequest | RecordedExecution] = (),
+        unasked: Iterable[bytes] = (),
     ) -> None:
-        """Write facts of runs, in order, how faults are, what robots are to stop, who is held: all or nothing."""
-        statements: list[_Statement] = []
+        """Write what belongs together: all or nothing.
+
+        Args:
+            facts: of runs, in their order.
+            faults: how they are.
+            halts: what robots are to stop, or have stopped.
+            holds: who is held, or is not any more.
+            requests: to bridges and to clients, for what the facts say that robots are to do.
+            unasked: executions with such a request that was not sent, and never will be: it is forgotten.
+        """
+        statements: list[Statement] = []
         for run_id, fact in facts:
             statements.append(("INSERT OR IGNORE INTO runs (run_id, ended) VALUES (?, 0)", (run_id,)))
             statements.append(("INSERT INTO facts (run_id, line) VALUES (?, ?)", (run_id, encode_fact(fact))))
             if isinstance(fact, RunEnded):
                 statements.append(("UPDATE runs SET ended = 1 WHERE run_id = ?", (run_id,)))
         statements += [statement for fault in faults for statement in _of_fault(fault)]
-        for changed in halts:
-            halt = changed.halt
-            if changed.is_owed:
-                row = (halt.execution_id, halt.robot, halt.skill, halt.since)
-                statements.append(("INSERT OR REPLACE INTO halts VALUES (?, ?, ?, ?)", row))
-                reason = (halt.execution_id, halt.why)
-                statements.append(("INSERT OR REPLACE INTO halt_reasons VALUES (?, ?)", reason))
-            else:
-                statements.append(("DELETE FROM halt_reasons WHERE execution_id = ?", (halt.execution_id,)))
-                statements.append(("DELETE FROM halts WHERE execution_id = ?", (halt.execution_id,)))
-        for change in holds:
-            hold = change.hold
-            if change.is_held:
-                held = (hold.robot, hold.by, hold.since, hold.reason)
-                statements.append(("INSERT OR REPLACE INTO holds VALUES (?, ?, ?, ?)", held))
-            else:
-                statements.append(("DELETE FROM holds WHERE robot = ?", (hold.robot,)))
+        statements += [statement for changed in halts for statement in _of_halt(changed)]
+        statements += [_of_hold(change) for change in holds]
+        statements += [_of_request(request) for request in requests]
+        statements += [delete(table, each) for each in unasked for table in ("requests", "executions")]
         if statements:
             self._database.commit(*statements)
 
@@ -193,7 +202,7 @@ class RunJournal:
         """Forget all but the last `kept` runs that have ended; the ids of those that were forgotten."""
         ended = [run.run_id for run in self.runs() if run.ended]
         forgotten = ended[: max(0, len(ended) - kept)]
-        statements: list[_Statement] = []
+        statements: list[Statement] = []
         for run_id in forgotten:
             statements.append(("DELETE FROM facts WHERE run_id = ?", (run_id,)))
             statements.append(("DELETE FROM runs WHERE run_id = ?", (run_id,)))
@@ -202,9 +211,9 @@ class RunJournal:
         return forgotten
 
 
-def _of_fault(fault: Fault) -> list[_Statement]:
+def _of_fault(fault: Fault) -> list[Statement]:
     key = fault.robot, fault.source
-    statements: list[_Statement] = [("DELETE FROM fault_capacities WHERE robot = ? AND source = ?", key)]
+    statements: list[Statement] = [("DELETE FROM fault_capacities WHERE robot = ? AND source = ?", key)]
     if not fault.active and fault.acknowledged:
         return [*statements, ("DELETE FROM faults WHERE robot = ? AND source = ?", key)]
     statements.append(
@@ -224,3 +233,30 @@ def _of_fault(fault: Fault) -> list[_Statement]:
         row = (*key, " ".join(fault.capacities))
         statements.append(("INSERT INTO fault_capacities VALUES (?, ?, ?)", row))
     return statements
+
+
+def _of_halt(changed: HaltChanged) -> list[Statement]:
+    halt = changed.halt
+    if not changed.is_owed:
+        return [
+            ("DELETE FROM halt_reasons WHERE execution_id = ?", (halt.execution_id,)),
+            ("DELETE FROM halts WHERE execution_id = ?", (halt.execution_id,)),
+        ]
+    row = (halt.execution_id, halt.robot, halt.skill, halt.since)
+    return [
+        ("INSERT OR REPLACE INTO halts VALUES (?, ?, ?, ?)", row),
+        ("INSERT OR REPLACE INTO halt_reasons VALUES (?, ?)", (halt.execution_id, halt.why)),
+    ]
+
+
+def _of_hold(changed: HoldChanged) -> Statement:
+    hold = changed.hold
+    if not changed.is_held:
+        return "DELETE FROM holds WHERE robot = ?", (hold.robot,)
+    return "INSERT OR REPLACE INTO holds VALUES (?, ?, ?, ?)", (hold.robot, hold.by, hold.since, hold.reason)
+
+
+def _of_request(request: RecordedRequest | RecordedExecution) -> Statement:
+    if isinstance(request, RecordedExecution):
+        return execution_statement(request)
+    return request_statement(request)

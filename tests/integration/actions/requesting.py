@@ -31,7 +31,7 @@ from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.skill.journal import RequestorJournal
-from ua_fleet.storage.journal import SqliteJournal
+from ua_fleet.storage.server_records import ServerRecords
 from ua_fleet.topics import Topic
 from ua_fleet.transport import Address, UdpTransport
 from ua_fleet.values import ticks_from_unix_ns
@@ -158,9 +158,10 @@ async def requesting(
     envelope: Envelope | None = None,
 ) -> AsyncGenerator[Requesting]:
     """A requestor that works while the context lasts; its journal is in `folder`."""
-    opened = SqliteJournal(folder / "commands.db") if journal is None else None
+    opened = ServerRecords(folder) if journal is None else None
     transport = transport or UdpTransport(config.pubsub.url, "lo")
-    requestor = Requesting(config, folder, transport, journal or opened or _none(), space, envelope)
+    requests = journal or (opened.requests if opened is not None else _none())
+    requestor = Requesting(config, folder, transport, requests, space, envelope)
     tasks = [asyncio.ensure_future(requestor.tick())]
     try:
         await transport.start(requestor.take)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskAssigned, TaskOutcome, TaskOver
-from ua_fleet.storage.run_journal import RunJournal
+from ua_fleet.storage.server_records import ServerRecords
 
 __all__ = ["Ledger", "facts_of", "keep"]
 
@@ -39,10 +39,10 @@ class Ledger:
         return f"{self.assigned} executions: {counts}; {wrong}"
 
 
-def facts_of(path: Path) -> list[Fact]:
+def facts_of(state_dir: Path) -> list[Fact]:
     """All facts of all runs of a server that has ended."""
-    with RunJournal(path) as journal:
-        return [fact for run in journal.runs() for fact in journal.facts(run.run_id)]
+    with ServerRecords(state_dir) as records:
+        return [fact for run in records.runs.runs() for fact in records.runs.facts(run.run_id)]
 
 
 def keep(facts: Iterable[Fact], told: Iterable[tuple[str, str]]) -> Ledger:

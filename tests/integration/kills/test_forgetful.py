@@ -15,7 +15,6 @@ from tests.integration.kills.ledger import facts_of, keep
 from tests.integration.scenarios.conftest import ROBOTS, Plant, all_heard, call, run, run_is
 from tests.integration.server_model.harness import until
 from ua_fleet.scenario.facts import Replaced, TaskAnswered, TaskOutcome, TaskOver, Then
-from ua_fleet.server.app import RUN_JOURNAL
 
 WORK_S = 0.8
 POLICIES = {"left": "retry", "middle": "ask", "right": "replace"}
@@ -97,7 +96,7 @@ async def test_what_a_forgetful_machine_was_at_is_unknown_and_decided_as_the_tas
             assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
     crew.end()
 
-    facts = facts_of(works.folder / works.config.server.state_dir / RUN_JOURNAL)
+    facts = facts_of(works.folder / works.config.server.state_dir)
     told = [(robot, job.execution_id.hex()) for robot, machine in works.machines.items() for job in machine.told()]
     ledger = keep(facts, told)
     print(f"{len(crew.kills)} kills, {ledger}")

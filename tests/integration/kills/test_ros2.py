@@ -20,7 +20,6 @@ from tests.integration.server_model.harness import until
 from tests.system import Child, Processes, clean_environment
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.scenario.facts import TaskAnswered, TaskAssigned, TaskOutcome, TaskOver
-from ua_fleet.server.app import RUN_JOURNAL
 
 pytestmark = pytest.mark.needs("ros2")
 
@@ -133,7 +132,7 @@ async def test_a_program_is_asked_and_a_topic_leaves_it_unknown(
         assert await ended(client, run_id) == "done"
     crew.end()
 
-    facts = facts_of(plant.folder / plant.config.server.state_dir / RUN_JOURNAL)
+    facts = facts_of(plant.folder / plant.config.server.state_dir)
     drives = [line.split()[2] for line in robot.lines if line.startswith("told: drive")]
     of_task = {fact.step: fact.task for fact in facts if isinstance(fact, TaskAssigned)}
     asked = [fact for fact in facts if of_task.get(getattr(fact, "step", "")) != "move"]

@@ -15,7 +15,6 @@ from tests.integration.kills.ledger import facts_of, keep
 from tests.integration.scenarios.conftest import ROBOTS, Plant, all_heard, run, value
 from tests.integration.scenarios.machines import FAILS_EVERY_OTHER_TIME
 from ua_fleet.scenario.facts import RunEnded, TaskAssigned
-from ua_fleet.server.app import RUN_JOURNAL
 
 STEPS = """
   - {task: begin, skill: work, robot: left, arguments: {work: begin, seconds: 0.2}, retries: 3}
@@ -61,7 +60,7 @@ async def test_nothing_is_done_twice_and_nothing_is_lost(
         assert await client.read_values(nodes) == [0] * 4, "nonces go on where they were, whoever was killed"
     crew.end()
 
-    facts = facts_of(works.folder / works.config.server.state_dir / RUN_JOURNAL)
+    facts = facts_of(works.folder / works.config.server.state_dir)
     told = [(robot, job.execution_id.hex()) for robot, machine in works.machines.items() for job in machine.told()]
     ledger = keep(facts, told)
     print(f"{len(crew.kills)} kills, {ledger}")

@@ -85,7 +85,7 @@ def test_skills_have_time_enough_at_any_speed(tmp_path: Path, speed: float, time
 def test_a_run_that_an_earlier_demonstration_left_is_not_gone_on_with(tmp_path: Path) -> None:
     bridge = tmp_path / "state" / "bridges" / "ur3_bridge"
     bridge.mkdir(parents=True)
-    left = [tmp_path / "state" / "runs.db", bridge / "executions.db-wal"]
+    left = [tmp_path / "state" / "server.db", bridge / "executions.db-wal"]
     kept = [bridge / "nonces.json", bridge / "bridge.der"]
     for path in (*left, *kept):
         path.touch()
@@ -96,11 +96,11 @@ def test_a_run_that_an_earlier_demonstration_left_is_not_gone_on_with(tmp_path: 
 
 def test_the_folder_of_another_fleet_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "state").mkdir()
-    (tmp_path / "state" / "runs.db").touch()
+    (tmp_path / "state" / "server.db").touch()
     (tmp_path / "fleet.yaml").write_text("version: 1\n")
     with pytest.raises(ConfigError, match=r"fleet\.yaml.*this is another fleet's; choose another --folder"):
         made(tmp_path, ros1=True)
-    assert (tmp_path / "state" / "runs.db").exists()
+    assert (tmp_path / "state" / "server.db").exists()
     assert (tmp_path / "fleet.yaml").read_text() == "version: 1\n"
 
 

@@ -429,3 +429,95 @@ def test_a_refusal_after_an_acceptance_is_told_and_changes_nothing() -> None:
     outcome = requestor.outcome(ID)
     assert outcome is not None
     assert outcome.kind is OutcomeKind.ACCEPTED
+
+
+def prepared(requestor: ActionRequestor, journal: MemoryJournal, execution_id: bytes = ID) -> RecordedRequest:
+    """What the owner does before `begin`."""
+    request = requestor.prepare(execution_id, TARGET, (BuiltinType.INT32,), (5,), 1.0, UTC)
+    assert request is not None
+    journal.requested(request)
+    requestor.prepared([request])
+    return request
+
+
+def test_what_the_owner_has_recorded_is_sent_and_not_recorded_again() -> None:
+    journal = BrokenJournal()
+    requestor = make(journal)
+    request = prepared(requestor, journal)
+    with pytest.raises(KeyError):
+        requestor.outcome(ID)
+    assert requestor.next_deadline() is None
+    journal.broken = True
+    assert requestor.is_prepared(ID)
+    first = sent(requestor.begin(ID, 7.0))
+    assert (first.timestamp, first.timeout_hint_ms, first.values) == (request.issued, 1000.0, (5,))
+    assert requestor.outcome(ID) is None
+    assert not requestor.is_prepared(ID)
+    assert requestor.next_deadline() == pytest.approx(7.1)
+    journal.broken = False
+    assert isinstance(requestor.receive(RUNNING, 7.05)[0], Concluded)
+
+
+def test_what_is_prepared_twice_is_the_same_request() -> None:
+    journal = MemoryJournal()
+    requestor = make(journal)
+    prepared(requestor, journal)
+    values = (TARGET, (BuiltinType.INT32,), (5,), 1.0, UTC)
+    assert requestor.prepare(ID, *values) is None
+    requestor.begin(ID, 0.0)
+    assert requestor.prepare(ID, *values) is None
+    with pytest.raises(KeyError):
+        requestor.begin(ID, 0.0)
+    other = requestor.prepare(OTHER_ID, *values)
+    assert other is not None
+    assert other.issued > UTC, "issue times differ"
+    with pytest.raises(SkillRejected, match="16 bytes"):
+        requestor.prepare(b"short", *values)
+
+
+def test_what_is_left_is_not_sent_until_it_is_asked_for_anew() -> None:
+    journal = MemoryJournal()
+    requestor = make(journal)
+    before = prepared(requestor, journal)
+    requestor.leave(ID)
+    requestor.leave(OTHER_ID)
+    assert list(requestor.left) == [ID]
+    assert not requestor.is_prepared(ID)
+    assert requestor.prepare(ID, TARGET, (BuiltinType.INT32,), (5,), 1.0, UTC) is None, "its record is in the journal"
+    assert sent(start(requestor)).timestamp == before.issued + 1
+    assert not requestor.left
+    assert [request.issued for request in journal.requests()] == [before.issued + 1]
+
+
+def test_what_is_left_is_forgotten_once_the_owner_has_deleted_it() -> None:
+    journal = MemoryJournal()
+    requestor = make(journal)
+    prepared(requestor, journal)
+    requestor.leave(ID)
+    journal.forget_requests(requestor.left)
+    requestor.left_out(requestor.left)
+    assert not requestor.left
+    assert requestor.poll(100.0) == []
+    start(requestor)
+    assert [request.execution_id for request in journal.requests()] == [ID]
+
+
+def test_a_restart_asks_for_what_was_recorded_and_not_sent() -> None:
+    journal = MemoryJournal()
+    prepared(make(journal), journal)
+    assert sent(make(journal).resume(0.0, UTC)).timeout_hint_ms == 1000.0
+    assert sent(make(journal).resume(0.0, UTC, [ID])).timeout_hint_ms == 0.0, "it must not begin any more"
+
+
+def test_the_record_from_which_issue_times_go_on_is_kept() -> None:
+    """Also where a later issue time was given to a request that nobody has recorded."""
+    journal = BrokenJournal()
+    requestor = make(journal, most=1)
+    start(requestor)
+    requestor.receive(RUNNING, 0.0)
+    requestor.receive(said(ActionState.IDLE), 0.0)
+    requestor.prepare(OTHER_ID, TARGET, (BuiltinType.INT32,), (5,), 1.0, UTC)
+    journal.broken = True
+    with pytest.raises(StorageUnavailable):
+        start(requestor, execution_id=OTHER_ID)
+    assert [request.execution_id for request in journal.requests()] == [ID]

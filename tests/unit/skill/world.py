@@ -247,20 +247,27 @@ class World:
             self._here.detach()
             self._at(self.now + self.chance.choice((0.05, 1.0, 4.0)), self._requestor_up)
 
+    def _start(self, requestor: ActionRequestor, wish: Wish) -> list[RequestorEffect]:
+        types, values = (BuiltinType.INT32,), (wish.argument,)
+        return requestor.start(wish.execution_id, wish.target, types, values, wish.timeout_s, self.now, self._utc())
+
+    def _prepare(self, requestor: ActionRequestor, wish: Wish) -> list[RequestorEffect]:
+        """As the owner does that writes requests down with what they follow from."""
+        types, values = (BuiltinType.INT32,), (wish.argument,)
+        request = requestor.prepare(wish.execution_id, wish.target, types, values, wish.timeout_s, self._utc())
+        if request is None:
+            return self._start(requestor, wish)
+        self._requestor_journal.requested(request)
+        requestor.prepared([request])
+        return requestor.begin(wish.execution_id, self.now)
+
     def _wish(self, wish: Wish) -> None:
         if self._requestor is None:
             self._at(self.now + 0.5, lambda: self._wish(wish))
             return
+        is_prepared = wish.execution_id[-1] % 2 == 1
         self._in_requestor(
-            lambda requestor: requestor.start(
-                wish.execution_id,
-                wish.target,
-                (BuiltinType.INT32,),
-                (wish.argument,),
-                wish.timeout_s,
-                self.now,
-                self._utc(),
-            )
+            lambda requestor: self._prepare(requestor, wish) if is_prepared else self._start(requestor, wish)
         )
         if all(request.execution_id != wish.execution_id for request in self._requestor_journal.requests()):
             self._at(self.now + 0.5, lambda: self._wish(wish))  # the application never heard that it was journaled

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import errno
+import os
 import sqlite3
 import stat
 from collections.abc import Iterator
@@ -7,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.kill_points import counted_syncs, kill_points
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.storage.database import APPLICATION_ID, Database
 
@@ -135,3 +138,81 @@ def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     with pytest.raises(StorageUnavailable, match="look at the rights of its folder") as caught:
         opened(tmp_path / "state" / "journal.db")
     assert "\n" not in str(caught.value)
+
+
+def test_commits_of_one_sync_are_synced_when_they_must_be_and_at_the_end(tmp_path: Path) -> None:
+    with counted_syncs() as syncs:
+        database = opened(tmp_path / "journal.db")
+        syncs.take()
+        with database.one_sync():
+            put(database, "a")
+            put(database, "b")
+            assert (syncs.take(), syncs.is_pending) == (0, True)
+            database.settle()
+            assert (syncs.take(), syncs.is_pending) == (1, False)
+            database.settle()
+            with database.one_sync():
+                put(database, "c")
+            assert (syncs.take(), syncs.is_pending) == (0, True), "a part of the other"
+        assert (syncs.take(), syncs.is_pending) == (1, False)
+        with database.one_sync():
+            pass
+        database.settle()
+        assert syncs.take() == 0
+        put(database, "d")
+        assert (syncs.take(), syncs.is_pending) == (1, False)
+        assert database.read("PRAGMA synchronous") == [(2,)]
+        database.close()
+
+
+def test_each_commit_of_one_sync_outlives_a_kill(tmp_path: Path) -> None:
+    (tmp_path / "state").mkdir()
+    with kill_points(tmp_path / "state", tmp_path) as points:
+        database = opened(tmp_path / "state" / "journal.db")
+        with database.one_sync():
+            put(database, "a")
+            database.commit(("INSERT INTO things VALUES ('b', 1)", ()), ("INSERT INTO things VALUES ('c', 1)", ()))
+            database.settle()
+        database.close()
+    found: list[int] = []
+    for point, _ in points.made:
+        again = opened(point / "journal.db")
+        found += again.read("SELECT count(*) FROM things")[0]
+        again.close()
+    assert set(found) == {0, 1, 3}
+    assert found == sorted(found)
+
+
+def test_what_fails_within_one_sync_takes_nothing_back(database: Database) -> None:
+    def put_twice() -> None:
+        with database.one_sync():
+            put(database, "a")
+            put(database, "a")
+
+    with pytest.raises(StorageUnavailable, match="UNIQUE"):
+        put_twice()
+    assert database.read("SELECT name FROM things") == [("a",)]
+    assert database.read("PRAGMA synchronous") == [(2,)]
+    assert put(database, "b") == 1
+
+
+def test_after_a_sync_that_failed_nothing_is_said_to_be_on_the_disk(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_descriptor: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    said = r"journal\.db: the disk could not be synced \(Input/output error\); look at the disk, and start this process"
+
+    def put_within() -> None:
+        with database.one_sync():
+            put(database, "a")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fdatasync", broken)
+        with pytest.raises(StorageUnavailable, match=said):
+            put_within()
+    with pytest.raises(StorageUnavailable, match=said):
+        put(database, "b")
+    with pytest.raises(StorageUnavailable, match=said):
+        database.settle()

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -15,6 +16,7 @@ from ua_fleet.errors import StorageUnavailable
 from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome, Target
 from ua_fleet.skill.journal import MemoryJournal, RecordedExecution, RecordedRequest, RequestorJournal, ResponderJournal
 from ua_fleet.storage.journal import SqliteJournal
+from ua_fleet.storage.server_records import ServerRecords
 
 TARGET = Target(300, 2, 1500, 7)
 RUNNING = ExecutionReport(ExecutionState.RUNNING)
@@ -34,31 +36,45 @@ def execution(number: int, report: ExecutionReport = RUNNING) -> RecordedExecuti
     return RecordedExecution(id_of(number), "0.engine", 0, TARGET, b"", 133_000_000_000_000_000 - number, 0, report)
 
 
-@pytest.fixture(params=["memory", "sqlite"])
-def journal(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[MemoryJournal | SqliteJournal]:
-    """Both journals have to do the same."""
+class Journals(NamedTuple):
+    """Of a requestor and of a responder."""
+
+    requests: RequestorJournal
+    executions: ResponderJournal
+
+
+@pytest.fixture(params=["memory", "server", "bridge"])
+def journals(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Journals]:
+    """All of them have to do the same."""
     if request.param == "memory":
-        yield MemoryJournal()
+        yield Journals(MemoryJournal(), MemoryJournal())
+    elif request.param == "server":
+        with ServerRecords(tmp_path) as records:
+            yield Journals(records.requests, records.executions)
     else:
         with SqliteJournal(tmp_path / "journal.db") as opened:
-            yield opened
+            yield Journals(MemoryJournal(), opened)
 
 
-def test_requests_are_remembered_with_their_outcomes(journal: RequestorJournal) -> None:
+def test_requests_are_remembered_with_their_outcomes(journals: Journals) -> None:
+    journal = journals.requests
     for number in (1, 2, 3):
         journal.requested(request(number))
-    journal.requested(request(4, ACCEPTED))
+    journal.requested(request(4, ACCEPTED)._replace(version=7))
     journal.concluded(id_of(2), RequestOutcome(OutcomeKind.UNKNOWN, ExecutionReport(ExecutionState.UNKNOWN)))
-    journal.concluded(id_of(2), ACCEPTED)
-    journal.withdrawn(id_of(3))
-    withdrawn = request(3)._replace(timeout_ms=0)
-    assert list(journal.requests()) == [request(1), request(2, ACCEPTED), withdrawn, request(4, ACCEPTED)]
+    with journal.one_sync():
+        journal.concluded(id_of(2), ACCEPTED)
+        journal.settle()
+        journal.withdrawn(id_of(3))
+    withdrawn, last = request(3)._replace(timeout_ms=0), request(4, ACCEPTED)._replace(version=7)
+    assert list(journal.requests()) == [request(1), request(2, ACCEPTED), withdrawn, last]
     journal.forget_requests([id_of(1), id_of(2)])
     journal.forget_requests([])
-    assert list(journal.requests()) == [withdrawn, request(4, ACCEPTED)]
+    assert list(journal.requests()) == [withdrawn, last]
 
 
-def test_executions_are_remembered_in_the_order_in_which_they_were_recorded(journal: ResponderJournal) -> None:
+def test_executions_are_remembered_in_the_order_in_which_they_were_recorded(journals: Journals) -> None:
+    journal = journals.executions
     for number in (3, 1, 2):
         journal.recorded(execution(number))
     journal.reported(id_of(1), DONE)
@@ -71,27 +87,26 @@ def test_executions_are_remembered_in_the_order_in_which_they_were_recorded(jour
     assert journal.forgotten() == {0: 77, 7: 66}
 
 
-def test_what_is_not_there_cannot_change(journal: MemoryJournal | SqliteJournal) -> None:
+def test_what_is_not_there_cannot_change(journals: Journals) -> None:
     with pytest.raises(KeyError):
-        journal.concluded(id_of(1), ACCEPTED)
+        journals.requests.concluded(id_of(1), ACCEPTED)
     with pytest.raises(KeyError):
-        journal.withdrawn(id_of(1))
+        journals.requests.withdrawn(id_of(1))
     with pytest.raises(KeyError):
-        journal.reported(id_of(1), DONE)
+        journals.executions.reported(id_of(1), DONE)
 
 
 def test_all_of_it_is_there_when_the_file_is_opened_again(tmp_path: Path) -> None:
-    path = tmp_path / "journal.db"
-    with SqliteJournal(path) as journal:
-        journal.requested(request(1, ACCEPTED))
-        journal.recorded(execution(1, DONE))
-        journal.forget_executions([], {0: 5})
-    with SqliteJournal(path) as journal:
-        assert list(journal.requests()) == [request(1, ACCEPTED)]
-        [found] = journal.executions()
+    with ServerRecords(tmp_path) as records:
+        records.requests.requested(request(1, ACCEPTED))
+        records.executions.recorded(execution(1, DONE))
+        records.executions.forget_executions([], {0: 5})
+    with ServerRecords(tmp_path) as records:
+        assert list(records.requests.requests()) == [request(1, ACCEPTED)]
+        [found] = records.executions.executions()
         assert found == execution(1, DONE)
         assert type(found.report.state) is ExecutionState
-        assert journal.forgotten() == {0: 5}
+        assert records.executions.forgotten() == {0: 5}
 
 
 def test_two_processes_cannot_share_a_journal(tmp_path: Path) -> None:
@@ -116,17 +131,18 @@ WRITER = """
 import sys
 from pathlib import Path
 from tests.unit.storage.test_journal import DONE, execution, id_of, request
-from ua_fleet.storage.journal import SqliteJournal
+from ua_fleet.storage.server_records import ServerRecords
 
-journal = SqliteJournal(Path(sys.argv[1]))
+records = ServerRecords(Path(sys.argv[1]))
+requests, executions = records.requests, records.executions
 number = 0
 while True:
     number += 1
     for name, record in (
-        ("requested", lambda: journal.requested(request(number))),
-        ("recorded", lambda: journal.recorded(execution(number))),
-        ("reported", lambda: journal.reported(id_of(number), DONE)),
-        ("forgotten", lambda: journal.forget_executions([id_of(number - 1)], {0: number - 1})),
+        ("requested", lambda: requests.requested(request(number))),
+        ("recorded", lambda: executions.recorded(execution(number))),
+        ("reported", lambda: executions.reported(id_of(number), DONE)),
+        ("forgotten", lambda: executions.forget_executions([id_of(number - 1)], {0: number - 1})),
     ):
         if name != "forgotten" or number > 1:
             record()
@@ -136,9 +152,8 @@ while True:
 
 @pytest.mark.parametrize("said", [1, 2, 3, 4, 41, 42, 43, 44])
 def test_what_had_returned_is_there_after_the_process_was_killed(tmp_path: Path, said: int) -> None:
-    path = tmp_path / "journal.db"
     child = subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(path)],
+        [sys.executable, "-c", WRITER, str(tmp_path)],
         cwd=system.ROOT,
         env=system.clean_environment(PYTHONPATH=f"{system.ROOT}:{system.ROOT / 'bridges'}"),
         stdout=subprocess.PIPE,
@@ -152,8 +167,9 @@ def test_what_had_returned_is_there_after_the_process_was_killed(tmp_path: Path,
     assert child.wait() == -signal.SIGKILL
     returned = [(name, int(number)) for name, number in (line.split() for line in lines if line.endswith("\n"))]
     last = dict(returned)
-    with SqliteJournal(path) as journal:
-        requests, executions, forgotten = list(journal.requests()), list(journal.executions()), journal.forgotten()
+    with ServerRecords(tmp_path) as records:
+        requests, journal = list(records.requests.requests()), records.executions
+        executions, forgotten = list(journal.executions()), journal.forgotten()
     assert [found.execution_id for found in requests][: last["requested"]] == [
         id_of(number) for number in range(1, last["requested"] + 1)
     ]

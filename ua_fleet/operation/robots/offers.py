@@ -14,15 +14,15 @@ SkillStatus says what becomes of executions, and it is silent while no client of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from ua_fleet.document import resolve_scalar
-from ua_fleet.errors import LocalWireError, RobotOffline, SkillError, SkillRejected, StorageUnavailable
+from ua_fleet.errors import LocalWireError, RobotOffline, SkillRejected, StorageUnavailable
 from ua_fleet.fleet.model import RobotModel
-from ua_fleet.fleet.skills import ArgumentModel, SkillModel, argument_problem
+from ua_fleet.fleet.skills import SkillModel
 from ua_fleet.operation.log import Log
+from ua_fleet.operation.robots.offered_results import OfferRefused
 from ua_fleet.pubsub.events import DataReceived, SourceReturned, SourceSilent, SubscriberEvent
 from ua_fleet.skill.executions import (
     OPEN,
@@ -34,13 +34,14 @@ from ua_fleet.skill.executions import (
     pack,
     unpack,
 )
-from ua_fleet.skill.journal import RecordedExecution, ResponderJournal
+from ua_fleet.skill.journal import RecordedExecution, RecordedRequest, ResponderJournal
+from ua_fleet.skill.prepared import PreparedRequests
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus, result_text
 from ua_fleet.topics import SERVER_SPACE, Topic
-from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, StatusCode
+from ua_fleet.values import TICKS_PER_SECOND, StatusCode
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 
-__all__ = ["ClientOffers", "OfferRefused", "OfferedExecution", "read_results"]
+__all__ = ["ClientOffers", "OfferedExecution"]
 
 MOST_REMEMBERED: Final = 1000
 """Executions; the others are forgotten, the oldest first."""
@@ -53,14 +54,6 @@ _KINDS: Final = {
     _S.UNKNOWN: OutcomeKind.UNKNOWN,
 }
 _METADATA: Final = DataSetMetaData("SkillStatus", SKILL_STATUS_FIELDS, ConfigurationVersion(1, 1))
-_FLOATS: Final = (BuiltinType.FLOAT, BuiltinType.DOUBLE)
-
-
-class OfferRefused(SkillError):
-    """A client cannot do that with a request now."""
-
-    ua_status: int = StatusCode.BAD_INVALID_STATE
-    remedy = "See `ua-fleet skill offer --help`, and take a request that is open."
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +138,9 @@ class ClientOffers:
         self._asked: dict[bytes, OfferedExecution] = {}
         self._open: dict[bytes, OfferedExecution] = {}
         """Those of them that are not over; looked at after each datagram."""
+        self._proposed: dict[bytes, OfferedExecution] = {}
+        """Those of which the owner has the records, and has not written them down yet."""
+        self._prepared = PreparedRequests[OfferedExecution]()
         self._before: dict[bytes, RecordedExecution] = {}
         """Executions of runs before."""
         self._newest = 0
@@ -199,6 +195,53 @@ class ClientOffers:
         del timeout_s, skill
         if execution_id in self._asked or execution_id in self._before:
             return
+        asked, record = self._asking(topic, robot, arguments, execution_id)
+        if self._prepared.is_next(execution_id):
+            asked = self._prepared.take(execution_id)
+        else:
+            if execution_id in self._prepared:
+                self._journal.forget_executions([execution_id], {})
+                self._prepared.left_out([execution_id])
+            self._journal.recorded(record)
+        self._forget()
+        self._put(asked)
+        self._told(execution_id, RequestOutcome(OutcomeKind.ACCEPTED, asked.report))
+
+    def prepare(
+        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
+    ) -> RecordedExecution | None:
+        """The record of a request, for an owner that writes it down with what it follows from.
+
+        The owner calls `recorded` then, and `request` asks the clients. None where it was recorded before; raises
+        RobotOffline and SkillRejected as `request` does.
+        """
+        del timeout_s, skill
+        if any(execution_id in known for known in (self._asked, self._before, self._prepared)):
+            return None
+        self._proposed[execution_id], record = self._asking(topic, robot, arguments, execution_id)
+        return record
+
+    def recorded(self, records: Iterable[RecordedRequest | RecordedExecution], left_out: Iterable[bytes]) -> None:
+        """These records are on the disk now, and these that were left are not any more; those of others are passed."""
+        for record in records:
+            if isinstance(record, RecordedExecution):
+                self._prepared.add(record.execution_id, self._proposed[record.execution_id])
+        self._proposed.clear()
+        self._prepared.left_out(left_out)
+
+    def leave(self, execution_id: bytes) -> None:
+        """A request that was prepared is not made after all."""
+        self._prepared.leave(execution_id)
+
+    @property
+    def left(self) -> tuple[bytes, ...]:
+        """Requests that were recorded and left; who records the others deletes them."""
+        return self._prepared.left
+
+    def _asking(
+        self, topic: Topic, robot: str, arguments: Mapping[str, Any], execution_id: bytes
+    ) -> tuple[OfferedExecution, RecordedExecution]:
+        """A request that clients can be asked for now, and its record; raises as `request` does."""
         known, offered = self._skill(topic)
         if not self._sessions.get((known.model.name, offered.name)):
             raise RobotOffline(f"no client offers {robot}.{offered.name} now; see: ua-fleet skill offer")
@@ -217,14 +260,10 @@ class ClientOffers:
         now = self._wall_ticks()
         until = now + round(offered.timeout_s * TICKS_PER_SECOND)
         asked = OfferedExecution(execution_id, known.model.name, offered, topic, given, now, until)
-        target = Target(*topic, _TARGET_ID)
-        timeout_ms = round(offered.timeout_s * 1000)
-        self._journal.recorded(
-            RecordedExecution(execution_id, _REQUESTOR, SERVER_SPACE, target, content, now, timeout_ms, asked.report)
+        target, timeout_ms = Target(*topic, _TARGET_ID), round(offered.timeout_s * 1000)
+        return asked, RecordedExecution(
+            execution_id, _REQUESTOR, SERVER_SPACE, target, content, now, timeout_ms, asked.report
         )
-        self._forget()
-        self._put(asked)
-        self._told(execution_id, RequestOutcome(OutcomeKind.ACCEPTED, asked.report))
 
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         """Have the client stop that does an execution; nobody has to where nobody has taken it."""
@@ -463,39 +502,6 @@ class ClientOffers:
             for execution_id in gone:
                 self._before.pop(execution_id, None)
                 self._asked.pop(execution_id, None)
-
-
-def read_results(skill: SkillModel, names: Sequence[str], texts: Sequence[str]) -> dict[str, Any]:
-    """Results that were given as texts; raises OfferRefused with all that is wrong."""
-    problems = list(_result_problems(skill, names, texts))
-    if problems:
-        raise OfferRefused("; ".join(problems))
-    given = dict(zip(names, texts, strict=True))
-    return {result.name: _typed(result, given[result.name]) for result in skill.results}
-
-
-def _result_problems(skill: SkillModel, names: Sequence[str], texts: Sequence[str]) -> Iterator[str]:
-    if len(names) != len(texts) or len(set(names)) != len(names):
-        yield f"{len(names)} names of results, each once, need as many values; there are {len(texts)}"
-        return
-    known = {result.name: result for result in skill.results}
-    yield from [f"{skill.name} has no result {name!r}" for name in names if name not in known]
-    given = dict(zip(names, texts, strict=True))
-    for name, result in known.items():
-        if name not in given:
-            yield f"the result {name!r} is missing"
-        elif problem := argument_problem(replace(result, range=None), _typed(result, given[name])):
-            yield problem
-
-
-def _typed(result: ArgumentModel, text: str) -> Any:
-    """A text as a value of a type, or as it stands where it is none."""
-    if result.type == BuiltinType.STRING:
-        return text
-    value = resolve_scalar(text)
-    if result.type in _FLOATS and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    return text if value is None else value
 
 
 def _status_of(skill: SkillModel, execution_id: bytes, report: ExecutionReport) -> ExecutionStatus:

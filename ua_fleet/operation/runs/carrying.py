@@ -2,6 +2,7 @@
 
     outputs -> unwritten --one transaction--> written --one by one, in their order--> carried out
 
+A task that its robot can be asked for at once is written down with the request for it, in the same transaction.
 What follows from one input is written down as one, before any of it is carried out or shown; so is all that follows
 from carrying that out, once it is done. Where writing fails it is tried again until it is written: nothing is carried
 out meanwhile, and nothing is lost. A thousand robots that fall silent at once are one transaction; what cannot be
@@ -12,12 +13,13 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable
-from typing import Final
+from typing import Final, Protocol
 
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.orchestrator import Fault, FaultChanged, HaltChanged, HoldChanged, Output, TaskCancelled, TaskStarted
 from ua_fleet.scenario.facts import Fact
+from ua_fleet.skill.journal import RecordedExecution, RecordedRequest
 from ua_fleet.storage.run_journal import RunJournal
 
 __all__ = ["OutputCarrier"]
@@ -28,12 +30,30 @@ TURN_S: Final = 0.03
 """So long outputs are carried out before others get their turn in the event loop."""
 
 
+class TaskRecords(Protocol):
+    """Requests for tasks; see `TaskRequests`."""
+
+    def prepare(self, tasks: Iterable[TaskStarted]) -> list[RecordedRequest | RecordedExecution]:
+        """The records of those that can be made at once."""
+        ...
+
+    @property
+    def left(self) -> tuple[bytes, ...]:
+        """Those that were written down and not sent, and are to be deleted."""
+        ...
+
+    def recorded(self, records: Iterable[RecordedRequest | RecordedExecution], left_out: Iterable[bytes]) -> None:
+        """These were written down, and these were deleted."""
+        ...
+
+
 class OutputCarrier:
     """The outputs of the orchestrator that wait, and the facts that are not written."""
 
     def __init__(
         self,
         journal: RunJournal,
+        requests: TaskRecords,
         carry_out: Callable[[Output, Collection[str]], None],
         failed: Callable[[str, Exception], None],
         *,
@@ -45,7 +65,8 @@ class OutputCarrier:
         """Begin with nothing.
 
         Args:
-            journal: of runs, faults, halts and holds.
+            journal: of runs, faults, halts, holds and the requests for tasks.
+            requests: are made when tasks are carried out, and may be recorded before.
             carry_out: carries one output out; told of the executions that an output behind it takes back.
             failed: told of an execution whose robot could not be asked, for a mistake of ours.
             mistakes: counts what has cost an output.
@@ -53,7 +74,7 @@ class OutputCarrier:
             clock: monotonic seconds.
             sooner: called when something was done, so that deadlines may have come nearer.
         """
-        self._journal, self._carry_out, self._failed = journal, carry_out, failed
+        self._journal, self._requests, self._carry_out, self._failed = journal, requests, carry_out, failed
         self._mistakes, self._log, self._clock, self._sooner = mistakes, log, clock, sooner
         self._unwritten_facts: list[tuple[str, Fact]] = []
         self._written: deque[Output] = deque()
@@ -128,8 +149,9 @@ class OutputCarrier:
             return  # the next turn takes it, in one transaction with all else that comes until then
         self._is_carrying_out = True
         try:
-            self._write()
-            self._carry_out_written()
+            with self._journal.one_sync():
+                self._write()
+                self._carry_out_written()
         except StorageUnavailable as error:
             if self._retry_at is None:
                 self._log.error("runs cannot be recorded and are suspended", reason=str(error))
@@ -175,8 +197,12 @@ class OutputCarrier:
             self._changed_halts,
             self._changed_holds,
         )
-        if facts or faults or halts or holds:
-            self._journal.write(facts, faults.values(), halts.values(), holds.values())
+        begun = [one for one in self._unwritten if isinstance(one, TaskStarted)]
+        requests = self._requests.prepare(one for one in begun if one.execution_id not in self._taken_back)
+        left = self._requests.left
+        if facts or faults or halts or holds or requests or left:
+            self._journal.write(facts, faults.values(), halts.values(), holds.values(), requests, left)
+            self._requests.recorded(requests, left)
             if self.problem:
                 self.problem = ""
                 self._log.info("runs are recorded again and go on")

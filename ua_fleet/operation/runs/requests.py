@@ -1,6 +1,7 @@
 """Tasks of runs as requests to robots, and what robots say of them.
 
-    begin -> request, again until the Action is announced -> outcome, SkillStatus -> accepted, ended
+    prepare -> recorded with the facts -> begin -> request, again until the Action is announced
+    outcome, SkillStatus -> accepted, ended
 
 A request to a silent robot that nobody has answered is no end: when the robot is heard again, it is asked what became
 of it. What was taken back is halted, as soon as there is somebody who can be told.
@@ -14,15 +15,16 @@ from __future__ import annotations
 
 import contextlib
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Final
 
 from ua_fleet.errors import RobotOffline, SkillError, StorageUnavailable
 from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.skills import SkillModel, call_problems
 from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.runs.outcomes import is_no_answer, outcome_of, refusal, shown_in, usable, with_status
+from ua_fleet.operation.runs.task_calls import START_WITHIN_S, Recorded, Requests, call_of
 from ua_fleet.orchestrator import OperatorAsked, TaskCancelled, TaskFollowed, TaskStarted
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario import Value
@@ -35,12 +37,10 @@ from ua_fleet.skill.executions import (
     named_results,
 )
 from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType, NodeId
+from ua_fleet.values import NodeId
 
-__all__ = ["START_WITHIN_S", "Requests", "TaskRequests"]
+__all__ = ["TaskRequests"]
 
-START_WITHIN_S: Final = 10.0
-"""A robot that has not begun by then has refused. Immediate skills have their own timeout: they answer at their end."""
 BUSY_PAUSE_S: Final = 0.5
 """Before a robot that is at something else is asked again."""
 UNREACHED_PAUSE_S: Final = 2.0
@@ -52,30 +52,6 @@ HALT_WITHIN_S: Final = 60.0
 """So long each attempt to halt what was taken back goes on while nobody announces the Action; `orchestrator.halts` has
 another one made as long as the robot has not stopped."""
 MOST_EXECUTIONS: Final = 10_000
-
-_FLOATS: Final = (BuiltinType.FLOAT, BuiltinType.DOUBLE)
-
-
-class Requests(Protocol):
-    """What asks robots; see `server.commands_out.SkillCommands`."""
-
-    def request(
-        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
-    ) -> None:
-        """Have a robot do a skill, once, and wait for nothing."""
-        ...
-
-    def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
-        """Have a robot stop an execution."""
-        ...
-
-    def inquire(self, execution_id: bytes) -> None:
-        """Ask once more what became of a request that nobody has answered."""
-        ...
-
-    def known_outcome(self, execution_id: bytes) -> RequestOutcome | None:
-        """What is known of a request; None while it is asked for, KeyError where it was never made."""
-        ...
 
 
 @dataclass(slots=True)
@@ -162,8 +138,7 @@ class TaskRequests:
 
     def _know(self, execution_id: str, robot_name: str, skill_name: str) -> Topic | None:
         """Listen for an execution; the SkillStatus of its robot, None where there is no such skill any more."""
-        robot = self._robots.get(robot_name)
-        skill = next((skill for skill in robot.skills if skill.name == skill_name), None) if robot is not None else None
+        robot, skill = self._skill(robot_name, skill_name)
         if robot is None or skill is None or robot.skill_status is None:
             return None
         self._skills[execution_id], self._told_by[execution_id] = skill, robot.skill_status
@@ -172,6 +147,11 @@ class TaskRequests:
             del self._told_by[oldest]
             self._unstopped.discard(oldest)
         return robot.skill_status
+
+    def _skill(self, robot_name: str, skill_name: str) -> tuple[RobotModel | None, SkillModel | None]:
+        robot = self._robots.get(robot_name)
+        found = [skill for skill in robot.skills if skill.name == skill_name] if robot is not None else []
+        return robot, found[0] if found else None
 
     def follow(self, asked: OperatorAsked | TaskFollowed) -> None:
         """Listen whether a robot tells what became of an execution. Asks for nothing to be begun."""
@@ -224,26 +204,57 @@ class TaskRequests:
             waiting = self._waiting[task.execution_id] = _Waiting(task, begin_at + START_WITHIN_S, begin_at)
             if begin_at <= now and not is_taken_back:
                 self._ask(waiting)
+            self._requests.leave(execution_id)  # what was prepared, and not sent
         else:
             if outcome is not None:
                 self.concluded(execution_id, outcome)
         self._take_shown(status, task.execution_id)
 
+    def prepare(self, tasks: Iterable[TaskStarted]) -> list[Recorded]:
+        """The records of requests for tasks whose robots can be asked at once.
+
+        They are written down with what they follow from; the others are recorded when their robots are asked.
+        """
+        prepared: dict[str, Recorded | None] = {}
+        for task in tasks:
+            if task.execution_id not in prepared:
+                with self._mistakes.guard("tasks", execution_id=task.execution_id), contextlib.suppress(SkillError):
+                    prepared[task.execution_id] = self._prepared(task)
+        return [record for record in prepared.values() if record is not None]
+
+    def _prepared(self, task: TaskStarted) -> Recorded | None:
+        robot, skill = self._skill(task.robot, task.skill)
+        if robot is None or skill is None or robot.skill_status is None:
+            return None
+        now = self._clock()
+        if self._free_at.get(NodeId(robot.skill_status.ns, skill.id), now) > now:
+            return None
+        try:
+            self._requests.known_outcome(bytes.fromhex(task.execution_id))
+        except KeyError:
+            if not call_problems(skill, task.arguments):
+                return self._requests.prepare(*call_of(task, robot, skill))
+        return None
+
+    def recorded(self, records: Iterable[Recorded], left_out: Iterable[bytes]) -> None:
+        """These records are on the disk now, and these that were left are not any more."""
+        self._requests.recorded(records, left_out)
+
+    @property
+    def left(self) -> tuple[bytes, ...]:
+        """Requests that were recorded and not sent, to be deleted with what is written next."""
+        return self._requests.left
+
     def _ask(self, waiting: _Waiting) -> None:
         task = waiting.task
         robot, skill = self._robots[task.robot], self._skills[task.execution_id]
-        assert robot.skill_status is not None
-        topic = Topic(robot.skill_status.space, robot.ns, skill.id)
-        timeout_s = skill.timeout_s if skill.immediate else min(START_WITHIN_S, skill.timeout_s)
         now = self._clock()
         problems = call_problems(skill, task.arguments)  # what a scenario computes is known now only
         if problems:
             self._ended(task.execution_id, TaskOutcome.REFUSED, "; ".join(problems), {})
             return
         try:
-            given = skill.filled(task.arguments)
-            named = {argument.name: _typed(argument.type, given[argument.name]) for argument in skill.arguments}
-            self._requests.request(topic, robot.name, skill.name, named, timeout_s, bytes.fromhex(task.execution_id))
+            self._requests.request(*call_of(task, robot, skill))
         except (RobotOffline, StorageUnavailable) as error:
             if now < waiting.give_up_at or self._is_silent(task.robot):
                 waiting.next_at = now + ASK_AGAIN_S
@@ -429,14 +440,8 @@ class TaskRequests:
             self._told_by.pop(execution_id, None)
             self._unstopped.discard(execution_id)
         self._waiting.pop(execution_id, None)
+        self._requests.leave(bytes.fromhex(execution_id))  # is forgotten by the commit of what follows from its end
         self._halts.pop(execution_id, None)
         self._unanswered.pop(execution_id, None)
         self._without_interval.discard(execution_id)
         self._tell_end(execution_id, outcome, message, results)
-
-
-def _typed(kind: int, value: Value) -> Value:
-    """A legal value in the type of its argument: YAML writes 0 where a Double is meant."""
-    if isinstance(value, bool | str):
-        return value
-    return float(value) if kind in _FLOATS else int(value)

@@ -30,8 +30,9 @@ from ua_fleet.operation.runs.holding import RobotHolds
 from ua_fleet.operation.runs.kept_settings import KeptSettings
 from ua_fleet.operation.runs.library import Checked, Library, Listed, ScenarioUnknown, parameters_of, read_values
 from ua_fleet.operation.runs.records import RunRecord
-from ua_fleet.operation.runs.requests import Requests, TaskRequests
+from ua_fleet.operation.runs.requests import TaskRequests
 from ua_fleet.operation.runs.restart import restore_faults, scenario_to_go_on
+from ua_fleet.operation.runs.task_calls import Requests
 from ua_fleet.operation.runs.values import FleetValues, fleet_view, own_fields
 from ua_fleet.orchestrator import (
     DecisionChanged,
@@ -129,8 +130,26 @@ class ScenarioService:
         self._finder = FaultFinder(model, config.resilience.rules(), self._named_first)
         self._settings = KeptSettings(config.resilience.settings(), journal, log)
         self._judgements = DecisionJudgements(journal, log)
+        self._tasks = TaskRequests(
+            self._robots,
+            requests,
+            requested=requested,
+            clock=clock,
+            is_silent=self._is_silent,
+            accepted=self._accepted,
+            ended=self._ended,
+            mistakes=mistakes,
+            log=log,
+        )
         self._carrier = OutputCarrier(
-            journal, self._carry_out, self._not_asked, mistakes=mistakes, log=log, clock=clock, sooner=sooner
+            journal,
+            self._tasks,
+            self._carry_out,
+            self._not_asked,
+            mistakes=mistakes,
+            log=log,
+            clock=clock,
+            sooner=sooner,
         )
         self._do = self._carrier.do
         self._orchestrator = Orchestrator(
@@ -142,17 +161,6 @@ class ScenarioService:
         self._orchestrator.tell_mistakes(self._mistakes.caught)
         self._orchestrator.explain_silence(self._bridges.why_silent)
         self.holds = RobotHolds(self._orchestrator, self._carrier.do, self._robot_now, wall_s)
-        self._tasks = TaskRequests(
-            self._robots,
-            requests,
-            requested=requested,
-            clock=clock,
-            is_silent=self._orchestrator.is_silent,
-            accepted=self._accepted,
-            ended=self._ended,
-            mistakes=mistakes,
-            log=log,
-        )
         self._news: list[FaultFound] = []
         """What became known of robots, and nothing has followed from yet."""
         self._has_fleet_changed = False
@@ -197,6 +205,9 @@ class ScenarioService:
     def needed_values(self) -> set[NodeId]:
         """The nodes whose values runs that are under way may ask for."""
         return self._values.keys_of(self._orchestrator.needed_names())
+
+    def _is_silent(self, robot: str) -> bool:
+        return self._orchestrator.is_silent(robot)
 
     def _named_first(self, robot: str, text: str) -> tuple[tuple[str, ...], str]:
         return self.fleet.named_first(robot, text)

@@ -14,13 +14,12 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
-from ua_fleet.errors import LocalWireError, RobotOffline, SkillRejected, StorageUnavailable
+from ua_fleet.errors import SkillRejected, StorageUnavailable
 from ua_fleet.operation.log import Log
+from ua_fleet.operation.skills.addressing import addressed, fitting, not_announced, target_of
 from ua_fleet.pubsub.action_catalog import ActionCatalog
 from ua_fleet.pubsub.events import ActionReceived
-from ua_fleet.pubsub.metadata import field_property, type_codes
 from ua_fleet.skill.executions import (
-    CONTROL_BITS,
     EXECUTION_ID_BYTES,
     HALT_TARGETS,
     MOST_HALTS,
@@ -32,12 +31,12 @@ from ua_fleet.skill.executions import (
     Target,
     halt_id,
 )
-from ua_fleet.skill.journal import RequestorJournal
+from ua_fleet.skill.journal import RecordedExecution, RecordedRequest, RequestorJournal
 from ua_fleet.skill.requestor import ActionRequestor, Contradicted, OutcomeCorrected, RequestorEffect, RequestPace, Send
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import BuiltinType, StatusCode
-from ua_fleet.wire.actions import encode_action
-from ua_fleet.wire.discovered import ActionMetaDataAnnouncement, ActionTarget
+from ua_fleet.wire.actions import ActionMessage, encode_action
+from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
 __all__ = ["REQUESTOR_INSTANCE", "SkillCommands"]
 
@@ -107,6 +106,7 @@ class SkillCommands:
             must_be_verified=must_be_verified,
             most_remembered=most_remembered,
         )
+        self._journal = journal
         self._catalog = ActionCatalog()
         self._send, self._want, self._sooner, self._wall_ticks, self._told = send, want, sooner, wall_ticks, told
         self._clock, self._log = clock, log
@@ -144,22 +144,53 @@ class SkillCommands:
             SkillRejected: another skill or robot is announced there, or the arguments do not fit.
             StorageUnavailable: the request could not be recorded, and was not sent.
         """
-        action = self._catalog.find(topic.space, topic.id)
-        if action is None:
-            self._want(topic.space, topic.id, self._clock())
-            self._sooner()
-            raise _not_announced(topic)
-        _check_names(action, topic, robot, skill)
-        target, types = Target(*topic, _target_of(action, robot)), type_codes(action.request.fields)
-        values = _arranged(action, arguments)
         now, wall = self._clock(), self._wall_ticks()
-        try:
-            version = action.request.configuration_version.major if values else 0
-            effects = self._requestor.start(execution_id, target, types, values, timeout_s, now, wall, version=version)
-        except LocalWireError as error:
-            raise SkillRejected(f"{action.request.name}: {error}") from error
+        if self._requestor.is_prepared(execution_id):
+            effects = self._requestor.begin(execution_id, now)
+        else:
+            action = self._catalog.find(topic.space, topic.id)
+            if action is None:
+                self._want(topic.space, topic.id, now)
+                self._sooner()
+                raise not_announced(topic)
+            target, types, values, version = addressed(action, topic, robot, skill, arguments)
+            with fitting(action):
+                effects = self._requestor.start(
+                    execution_id, target, types, values, timeout_s, now, wall, version=version
+                )
         self._do(effects)
         self._sooner()
+
+    def prepare(
+        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
+    ) -> RecordedRequest | None:
+        """The record of a request, for an owner that writes it down with what it follows from.
+
+        The owner says `recorded` then; `request` sends it. None where it was recorded before, or nobody has announced
+        the Action; raises SkillRejected as `request` does.
+        """
+        action = self._catalog.find(topic.space, topic.id)
+        if action is None:
+            return None
+        target, types, values, version = addressed(action, topic, robot, skill, arguments)
+        with fitting(action):
+            return self._requestor.prepare(
+                execution_id, target, types, values, timeout_s, self._wall_ticks(), version=version
+            )
+
+    def leave(self, execution_id: bytes) -> None:
+        """A request that was prepared is not made after all."""
+        self._requestor.leave(execution_id)
+
+    @property
+    def left(self) -> tuple[bytes, ...]:
+        """Requests that were recorded and left; who records the others deletes them."""
+        return self._requestor.left
+
+    def recorded(self, records: Iterable[RecordedRequest | RecordedExecution], left_out: Iterable[bytes]) -> None:
+        """These records are on the disk now, and these that were left are not any more; those of others are passed."""
+        self._requestor.prepared(record for record in records if isinstance(record, RecordedRequest))
+        self._requestor.left_out(left_out)
 
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         """Have a robot stop an execution, or not begin it any more, where it has not answered yet.
@@ -172,6 +203,10 @@ class SkillCommands:
             SkillRejected: the robot has no way to stop; `ua_status` is Bad_NotSupported then.
             StorageUnavailable: the request could not be recorded, and was not sent.
         """
+        with self._journal.one_sync():
+            self._halt(topic, robot, execution_id)
+
+    def _halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         self._do(self._requestor.withdraw(execution_id, self._clock()))
         number = self._halts.pop(execution_id, 0)
         while self._has_ended(halt_id(execution_id, number)):
@@ -198,8 +233,8 @@ class SkillCommands:
     def _control(self, purpose: int, topic: Topic, robot: str, request_id: bytes, named: bytes | None) -> None:
         action = self._catalog.find(topic.space, topic.id)
         if action is None:
-            raise _not_announced(topic)
-        target_id = _target_of(action, robot) | purpose
+            raise not_announced(topic)
+        target_id = target_of(action, robot) | purpose
         if target_id not in [target.action_target_id for target in action.targets]:
             error = SkillRejected(f"{robot} has no way to {_CONTROLS[purpose]} {action.request.name}")
             error.ua_status = StatusCode.BAD_NOT_SUPPORTED
@@ -247,9 +282,13 @@ class SkillCommands:
         return due if due is None else max(due, self._retry_at)
 
     def _try(self, step: Callable[[], Iterable[RequestorEffect]], now: float) -> None:
-        """Do a step. What the journal cannot write has not happened, and is tried again."""
+        """Do a step. What the journal cannot write has not happened, and is tried again.
+
+        An outcome and what follows from it are synced at once.
+        """
         try:
-            effects = step()
+            with self._journal.one_sync():
+                self._do(step())
         except StorageUnavailable as error:
             self.outcomes["problems"] += 1
             self._retry_at = now + RETRY_S
@@ -258,12 +297,11 @@ class SkillCommands:
             self._is_failing = True
         else:
             self._is_failing = False
-            self._do(effects)
 
     def _do(self, effects: Iterable[RequestorEffect]) -> None:
         for effect in effects:
             if isinstance(effect, Send):
-                self._send(encode_action(effect.message))
+                self._say(effect.message)
             elif isinstance(effect, Contradicted):
                 self.outcomes["contradicted"] += 1
                 self._log.error(
@@ -277,6 +315,14 @@ class SkillCommands:
             else:
                 self.outcomes[effect.outcome.kind] += 1
                 self._tell(effect.execution_id, effect.outcome)
+
+    def _say(self, message: ActionMessage) -> None:
+        """Send a message once all that it depends on is on the disk; one that has to stay is lost, as any may be."""
+        try:
+            self._journal.settle()
+        except StorageUnavailable:
+            return  # whoever records next says so
+        self._send(encode_action(message))
 
     def _tell(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         what, asked = self._controls.pop(execution_id, ("", ""))
@@ -304,49 +350,3 @@ class SkillCommands:
         if action is None:
             return outcome
         return replace(outcome, names=tuple([field.name for field in action.response.fields]))
-
-
-def _arranged(action: ActionMetaDataAnnouncement, arguments: Mapping[str, Any]) -> tuple[Any, ...]:
-    """The arguments in the order that the bridge announces; raises SkillRejected with the names that differ."""
-    fields, name = action.request.fields, action.request.name
-    values = [arguments.get(field.name, field_property(field, "Default")) for field in fields]
-    missing = [field.name for field, value in zip(fields, values, strict=True) if value is None]
-    announced = {field.name for field in fields}
-    unknown = [argument for argument in arguments if argument not in announced]
-    if missing or unknown:
-        said = [f"takes {named!r}, which is not given" for named in missing]
-        said += [f"does not take {named!r}" for named in unknown]
-        raise SkillRejected(f"{name} {', and '.join(said)}: the bridge's fleet.yaml and the server's differ")
-    return tuple(values)
-
-
-def _check_names(action: ActionMetaDataAnnouncement, topic: Topic, robot: str, skill: str) -> None:
-    """The ids are in the files of both sides, and may have been given to other skills there."""
-    name, targets = action.request.name, [each.name for each in action.targets if _is_robot(each)]
-    if name != skill or robot not in targets:
-        said = f"{name} of {', '.join(filter(None, targets)) or 'nobody'}"
-        error = SkillRejected(
-            f"the bridge announces {said} at {topic.name}, and the server's fleet.yaml has {skill} of {robot} there; "
-            f"give both the same ids"
-        )
-        error.ua_status = StatusCode.BAD_CONFIGURATION_ERROR
-        raise error
-
-
-def _is_robot(target: ActionTarget) -> bool:
-    return not target.action_target_id & CONTROL_BITS
-
-
-def _target_of(action: ActionMetaDataAnnouncement, robot: str) -> int:
-    """The target of that name; an Action with one target is that robot's whatever the name."""
-    targets = [target for target in action.targets if _is_robot(target)]
-    named = [target.action_target_id for target in targets if target.name == robot or not targets[1:]]
-    if not named:
-        raise SkillRejected(f"{action.request.name} has no target {robot!r}")
-    return named[0]
-
-
-def _not_announced(topic: Topic) -> RobotOffline:
-    return RobotOffline(
-        f"no bridge announces the Action {topic.name}; check that the bridge of space {topic.space} runs"
-    )

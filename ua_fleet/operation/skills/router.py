@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ua_fleet.operation.robots.offers import ClientOffers
 from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.skill.executions import RequestOutcome
+from ua_fleet.skill.journal import RecordedExecution, RecordedRequest
 from ua_fleet.topics import SERVER_SPACE, Topic
 
 __all__ = ["SkillRouter"]
@@ -24,6 +25,28 @@ class SkillRouter:
     ) -> None:
         """Have a skill done, once; see both."""
         self._of(topic).request(topic, robot, skill, arguments, timeout_s, execution_id)
+
+    def prepare(
+        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
+    ) -> RecordedRequest | RecordedExecution | None:
+        """The record of a request, to be written down with what it follows from; see both."""
+        return self._of(topic).prepare(topic, robot, skill, arguments, timeout_s, execution_id)
+
+    def recorded(self, records: Iterable[RecordedRequest | RecordedExecution], left_out: Iterable[bytes]) -> None:
+        """These records are on the disk now, and these that were left are not any more."""
+        records, left_out = list(records), list(left_out)
+        self._commands.recorded(records, left_out)
+        self._offers.recorded(records, left_out)
+
+    def leave(self, execution_id: bytes) -> None:
+        """A request that was prepared is not made after all."""
+        self._commands.leave(execution_id)
+        self._offers.leave(execution_id)
+
+    @property
+    def left(self) -> tuple[bytes, ...]:
+        """Requests that were recorded and left; who records the others deletes them."""
+        return self._commands.left + self._offers.left
 
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         """Have an execution stopped; see both."""

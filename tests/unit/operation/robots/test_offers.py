@@ -10,10 +10,11 @@ import structlog
 from tests.unit.fleet.fleet_of import fleet_config
 from ua_fleet.config.registration import CLIENTS, RobotText, read_robot
 from ua_fleet.errors import RobotOffline, SkillRejected, StorageUnavailable
-from ua_fleet.operation.robots.offers import MOST_REMEMBERED, ClientOffers, OfferedExecution, OfferRefused, read_results
+from ua_fleet.operation.robots.offered_results import OfferRefused, read_results
+from ua_fleet.operation.robots.offers import MOST_REMEMBERED, ClientOffers, OfferedExecution
 from ua_fleet.pubsub.events import DataReceived, SourceReturned, SourceSilent, SubscriberEvent
 from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome
-from ua_fleet.skill.journal import MemoryJournal
+from ua_fleet.skill.journal import MemoryJournal, RecordedExecution
 from ua_fleet.skill.status import read_status
 from ua_fleet.topics import Topic
 from ua_fleet.values import TICKS_PER_SECOND, StatusCode
@@ -310,3 +311,58 @@ def test_results_that_do_not_fit_are_named(names: list[str], texts: list[str], p
 
 def test_results_are_read_in_their_types() -> None:
     assert read_results(ROBOT.skills[0], ["cost", "fixed"], ["100", "false"]) == {"fixed": False, "cost": 100.0}
+
+
+def prepared(hall: Hall, execution_id: bytes = ONE) -> RecordedExecution:
+    """A request that its owner has written down."""
+    record = hall.offers.prepare(FIX, "mechanic", "fix", {"what": "belt"}, 5, execution_id)
+    assert record is not None
+    hall.journal.recorded(record)
+    hall.offers.recorded([record], [])
+    return record
+
+
+def test_what_the_owner_has_recorded_is_asked_and_not_recorded_again(hall: Hall) -> None:
+    hall.offers.offer("s1", "anna", FIX)
+    prepared(hall)
+    assert hall.offers.open == []
+    assert hall.outcomes == []
+    with pytest.raises(KeyError):
+        hall.offers.known_outcome(ONE)
+    assert hall.offers.prepare(FIX, "mechanic", "fix", {"what": "belt"}, 5, ONE) is None
+    hall.journal.is_full = True
+    hall.ask()
+    hall.journal.is_full = False
+    assert [asked.execution_id for asked in hall.offers.open] == [ONE]
+    assert hall.outcomes == [(ONE, RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(ExecutionState.RUNNING)))]
+    hall.offers.accept("s1", "anna", ONE)
+    assert hall.state() is ExecutionState.RUNNING
+
+
+def test_what_nobody_offers_any_more_is_left_and_asked_for_anew(hall: Hall) -> None:
+    with pytest.raises(RobotOffline):
+        hall.offers.prepare(FIX, "mechanic", "fix", {"what": "belt"}, 5, ONE)
+    hall.offers.offer("s1", "anna", FIX)
+    prepared(hall)
+    hall.offers.departed("s1")
+    with pytest.raises(RobotOffline):
+        hall.ask()
+    hall.offers.leave(ONE)
+    assert list(hall.offers.left) == [ONE]
+    hall.offers.offer("s2", "bert", FIX)
+    hall.ask()
+    assert not hall.offers.left
+    assert hall.state() is ExecutionState.RUNNING
+    prepared(hall, TWO)
+    hall.offers.leave(TWO)
+    hall.journal.forget_executions([TWO], {})
+    hall.offers.recorded([], [TWO])
+    hall.ask(TWO)
+    assert [one.execution_id for one in hall.journal.executions()] == [ONE, TWO]
+
+
+def test_a_restart_refuses_what_was_recorded_and_nobody_was_asked(hall: Hall) -> None:
+    hall.offers.offer("s1", "anna", FIX)
+    prepared(hall)
+    again = Hall(hall.journal)
+    assert again.state() is ExecutionState.REFUSED

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import pytest
@@ -12,9 +12,24 @@ from tests.unit.operation.runs.world import FailingJournal
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.operation.runs.carrying import TURN_S, OutputCarrier
+from ua_fleet.operation.runs.task_calls import Recorded
 from ua_fleet.orchestrator import Fault, FaultChange, FaultChanged, Output, TaskCancelled, TaskStarted
 
 ROBOTS = 200
+
+
+class NothingPrepared:
+    """Requests that are recorded when they are made."""
+
+    @property
+    def left(self) -> tuple[bytes, ...]:
+        return ()
+
+    def prepare(self, tasks: Iterable[TaskStarted]) -> list[Recorded]:
+        del tasks
+        return []
+
+    def recorded(self, records: Iterable[Recorded], left_out: Iterable[bytes]) -> None: ...
 
 
 class Carrying:
@@ -31,6 +46,7 @@ class Carrying:
         """What follows from carrying out one that so many were carried out before."""
         self.carrier = OutputCarrier(
             self.journal,
+            NothingPrepared(),
             self._carry_out,
             lambda execution_id, error: None,
             mistakes=Mistakes(),

@@ -12,8 +12,8 @@ from ua_fleet.config.skill_schema import SkillLimitsConfig
 from ua_fleet.errors import NoCandidate, RobotOffline, ScenarioError, ScenarioInvalid, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
-from ua_fleet.operation.runs.requests import START_WITHIN_S
 from ua_fleet.operation.runs.service import COALESCE_S
+from ua_fleet.operation.runs.task_calls import START_WITHIN_S
 from ua_fleet.orchestrator import DecisionChanged, Fault, OperatorAsked, RunChanged
 from ua_fleet.resilience import DecisionMode
 from ua_fleet.scenario.consequences import HALT_S, SETTLE_S

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
 from ua_fleet.monitoring import Mistakes
 from ua_fleet.operation.runs.service import ScenarioService
+from ua_fleet.operation.runs.task_calls import Recorded, Requests
 from ua_fleet.orchestrator import FaultChanged, Output, RunChanged
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario.facts import RunEnded
@@ -82,6 +83,20 @@ class Robots:
         self.asked.append((robot, tuple(arguments.values()), execution_id))
         self.known[execution_id] = None
 
+    def prepare(
+        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
+    ) -> Recorded | None:
+        return None
+
+    def recorded(self, records: Iterable[Recorded], left_out: Iterable[bytes]) -> None:
+        assert not [*records, *left_out]
+
+    def leave(self, execution_id: bytes) -> None: ...
+
+    @property
+    def left(self) -> tuple[bytes, ...]:
+        return ()
+
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         self.halted.append(robot)
         raise SkillRejected("it cannot stop")
@@ -98,11 +113,11 @@ class FailingJournal(RunJournal):
     writes = 0
     """Transactions."""
 
-    def write(self, facts: Any, faults: Any = (), halts: Any = (), holds: Any = ()) -> None:
+    def write(self, *args: Any, **kwargs: Any) -> None:
         if self.fails:
             raise StorageUnavailable("the disk is full")
         self.writes += 1
-        super().write(facts, faults, halts, holds)
+        super().write(*args, **kwargs)
 
 
 class World:
@@ -113,9 +128,11 @@ class World:
         *,
         heard: Sequence[str] = ("left", "right"),
         config: FleetConfig = CONFIG,
+        requests: Requests | None = None,
+        journal: FailingJournal | None = None,
     ) -> None:
         self.robots = robots or Robots()
-        self.journal = FailingJournal(folder / "runs.db")
+        self.journal = FailingJournal(folder / "runs.db") if journal is None else journal
         self.said: list[Output] = []
         self.now = 100.0
         self.mistakes = Mistakes()
@@ -127,9 +144,9 @@ class World:
             config,
             model,
             self.journal,
-            self.robots,
+            requests or self.robots,
             folder=folder,
-            show=self.said.append,
+            show=self.show,
             forgotten=lambda run_id: None,
             requested=lambda key, execution_id: None,
             sooner=lambda: None,
@@ -141,9 +158,16 @@ class World:
             faulted=self.faulted.__setitem__,
         )
         self.records = self.service.restore()
-        self.service.go_on()
+        self.go_on()
         for robot in heard:
             self.state(robot, RobotState.IDLE)
+
+    def show(self, output: Output) -> None:
+        self.said.append(output)
+
+    def go_on(self) -> None:
+        """As the server does after a start."""
+        self.service.go_on()
 
     def state(self, robot: str, state: RobotState) -> None:
         self.value(f"Robots.{robot}.State", int(state), BuiltinType.INT32)

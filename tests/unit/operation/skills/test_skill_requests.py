@@ -197,3 +197,31 @@ async def test_results_have_the_names_that_the_bridge_announces() -> None:
     unknown = replace(outcome, names=None)
     assert named_results(unknown, ("x", "y")) == {}
     assert named_results(unknown, ("x",)) == {"x": 2.0}
+
+
+async def test_a_prepared_request_is_sent_as_it_was_recorded() -> None:
+    bench = announced(Bench())
+    asked = (ACTION, "arm", "pick", {"place": "bin"}, 5.0, ID)
+    record = bench.commands.prepare(*asked)
+    assert record is not None
+    assert bench.sent == []
+    assert list(bench.journal.requests()) == []
+    bench.journal.requested(record)
+    bench.commands.recorded([record], [])
+    assert bench.commands.prepare(*asked) is None
+    bench.commands.request(*asked)
+    (request,) = bench.requests()
+    assert (request.correlation_data, request.values, request.timestamp) == (ID, ("bin",), record.issued)
+    assert request.major_version == ANNOUNCED.request.configuration_version.major
+    assert list(bench.journal.requests()) == [record]
+    bench.respond(request)
+    assert bench.told == [OutcomeKind.ACCEPTED]
+
+
+async def test_what_cannot_be_asked_for_now_is_not_prepared() -> None:
+    assert Bench().commands.prepare(ACTION, "arm", "pick", {"place": "bin"}, 5.0, ID) is None
+    bench = announced(Bench())
+    with pytest.raises(SkillRejected, match="give both the same ids"):
+        bench.commands.prepare(ACTION, "arm", "place", {"place": "bin"}, 5.0, ID)
+    with pytest.raises(SkillRejected, match="pick"):
+        bench.commands.prepare(ACTION, "arm", "pick", {"place": 5}, 5.0, ID)

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.harness import FEWEST_ROUNDS, Failed, Figure, Unavailable, merge_results
+from benchmarks.harness import BESIDE, FEWEST_ROUNDS, Failed, Figure, Unavailable, merge_results
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results.json"
@@ -55,7 +56,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Figures beside a peer or a floor.")
     parser.add_argument("--only", choices=groups(), metavar="GROUP", help=f"one of {', '.join(groups())}")
     parser.add_argument("--rounds", type=int, default=FEWEST_ROUNDS, help=f"at least {FEWEST_ROUNDS}")
+    parser.add_argument(
+        "--beside",
+        type=Path,
+        metavar="CLONE",
+        help="a clone of another commit, set up as this one, measured in turn with this one (actions, skill_start)",
+    )
     arguments = parser.parse_args()
+    if arguments.beside is not None:
+        os.environ[BESIDE] = str(arguments.beside.resolve())
     results: dict[str, list[Figure]] = {}
     failed: list[str] = []
     for group in [arguments.only] if arguments.only else groups():

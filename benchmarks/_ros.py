@@ -22,7 +22,7 @@ RUNNER = system.ROOT / "tests" / "integration" / "run_bridge.py"
 class Node:
     """A process that is told what to do by lines."""
 
-    def __init__(self, *args: str | Path, env: Mapping[str, str]) -> None:
+    def __init__(self, *args: str | Path, env: Mapping[str, str], cwd: Path = system.ROOT) -> None:
         self._complaints = tempfile.TemporaryFile("w+")  # noqa: SIM115 - as long as the process
         self._process = subprocess.Popen(
             [str(arg) for arg in args],
@@ -32,7 +32,7 @@ class Node:
             stderr=self._complaints,
             text=True,
             start_new_session=True,
-            cwd=system.ROOT,
+            cwd=cwd,
         )
         self._name = " ".join(str(arg) for arg in args[1:3])
         self.ready = self.expect("ready")
@@ -84,9 +84,9 @@ class Node:
 
 
 @contextlib.contextmanager
-def running_node(*args: str | Path, env: Mapping[str, str]) -> Generator[Node]:
+def running_node(*args: str | Path, env: Mapping[str, str], cwd: Path = system.ROOT) -> Generator[Node]:
     """A process while the context lasts."""
-    node = Node(*args, env=env)
+    node = Node(*args, env=env, cwd=cwd)
     try:
         yield node
     finally:

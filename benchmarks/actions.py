@@ -19,7 +19,7 @@ from pathlib import Path
 
 from benchmarks._keys import write_keys
 from benchmarks._ros import Node, median_and_p99
-from benchmarks.harness import FEWEST_ROUNDS, Figure, shown
+from benchmarks.harness import FEWEST_ROUNDS, OTHER, Figure, beside, shown
 from tests import system
 from ua_fleet.config.schema import FleetConfig
 
@@ -36,7 +36,14 @@ WAYS = (
 class Way:
     """One pair of requestor and bridge, with an echo of the same sizes."""
 
-    def __init__(self, security: str, journal: str, stack: contextlib.ExitStack) -> None:
+    def __init__(
+        self,
+        security: str,
+        journal: str,
+        stack: contextlib.ExitStack,
+        python: str = sys.executable,
+        root: Path = system.ROOT,
+    ) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(dir=system.ROOT)))
         raw = {
             "version": 1,
@@ -48,8 +55,8 @@ class Way:
         write_keys(folder, FleetConfig.model_validate(raw))
 
         def start(*arguments: object) -> Node:
-            command = [sys.executable, "-m", "benchmarks._actions", *map(str, arguments)]
-            node = Node(*command, env=os.environ | {"PYTHONPATH": ".:bridges"})
+            command = [python, "-m", "benchmarks._actions", *map(str, arguments)]
+            node = Node(*command, env=os.environ | {"PYTHONPATH": ".:bridges"}, cwd=root)
             stack.callback(node.end)
             return node
 
@@ -71,17 +78,32 @@ class Way:
 
 
 @contextlib.contextmanager
-def all_ways() -> Generator[list[Way]]:
+def all_ways(other: Path | None) -> Generator[list[tuple[Way, Way | None]]]:
+    """Each way, and the same of the other commit."""
     with contextlib.ExitStack() as stack:
-        yield [Way(security, journal, stack) for _, security, journal in WAYS]
+        ways: list[tuple[Way, Way | None]] = []
+        for _, security, journal in WAYS:
+            way = Way(security, journal, stack)
+            python = "" if other is None else str(other / ".venv" / "bin" / "python")
+            ways.append((way, None if other is None else Way(security, journal, stack, python, other)))
+        yield ways
 
 
 def figures(rounds: int) -> list[Figure]:
-    with all_ways() as ways:
-        measured = [[(*way.echo(), *way.ours()) for way in ways] for _ in range(max(rounds, FEWEST_ROUNDS))]
+    others: list[list[float]] = [[] for _ in WAYS]
+    measured: list[list[tuple[float, float, float, float]]] = []
+    with all_ways(beside()) as ways:
+        for _ in range(max(rounds, FEWEST_ROUNDS)):
+            measured.append([])
+            for (way, other), of_other in zip(ways, others, strict=True):
+                measured[-1].append((*way.echo(), *way.ours()))
+                of_other += [] if other is None else [other.ours()[0]]
     rows: list[Figure] = []
-    for (name, _, _), of_way in zip(WAYS, zip(*measured, strict=True), strict=True):
+    for (name, _, _), of_way, of_other in zip(WAYS, zip(*measured, strict=True), others, strict=True):
         echo_p50, echo_p99, p50, p99 = (statistics.median(column) for column in zip(*of_way, strict=True))
         rows.append(shown(f"accepted, {name}, p50", p50, "us", reference=REFERENCE, reference_value=echo_p50))
         rows.append(shown(f"accepted, {name}, p99", p99, "us", reference=REFERENCE, reference_value=echo_p99))
+        if of_other:
+            before = statistics.median(of_other)
+            rows.append(shown(f"accepted, {name}, p50, beside", p50, "us", reference=OTHER, reference_value=before))
     return rows

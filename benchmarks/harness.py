@@ -8,6 +8,7 @@ one in which something went wrong raises Failed.
 from __future__ import annotations
 
 import json
+import os
 import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -15,12 +16,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 __all__ = [
+    "BESIDE",
     "FEWEST_ROUNDS",
+    "OTHER",
     "Failed",
     "Figure",
     "Unavailable",
     "at_least",
     "at_most",
+    "beside",
     "interleaved",
     "merge_results",
     "seconds_per_call",
@@ -29,6 +33,16 @@ __all__ = [
 ]
 
 FEWEST_ROUNDS = 5
+
+
+BESIDE = "BENCHMARKS_BESIDE"
+OTHER = "the other commit"
+
+
+def beside() -> Path | None:
+    """The clone of another commit, set up as this one, whose figures are measured in turn with these."""
+    folder = os.environ.get(BESIDE)
+    return None if folder is None else Path(folder)
 
 
 class Figure(NamedTuple):

@@ -5,11 +5,15 @@ and encrypted, the journals on the disk; an encrypted session of the typed clien
 monotonic clock as the first thing that they do: in a function with the decorator, or in the callback of the topic that
 `fleet.yaml` names. The floor is a service of the same robot, called from its own graph by a program of a few lines: no
 fleet, no user, no record of what was asked for. The next call is made when the execution's end has been told.
+
+And from the begin of a task of a run to the begin of the next one: the robot tells its end, the server decides, records
+and asks.
 """
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import sys
@@ -20,7 +24,7 @@ from typing import Any, NamedTuple
 
 from benchmarks._keys import write_keys
 from benchmarks._ros import NODES, Node, median_and_p99, ros1_environment, running_master, running_node
-from benchmarks.harness import FEWEST_ROUNDS, Failed, Figure, Unavailable, shown
+from benchmarks.harness import FEWEST_ROUNDS, OTHER, Failed, Figure, Unavailable, beside, shown
 from tests import system
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.endpoint.users import USERS_FILE, Role, UserStore
@@ -46,6 +50,18 @@ WAYS = (
 REFERENCES = {"ros2": "bare service of ROS 2", "ros1": "bare service of ROS 1"}
 
 
+TASKS = 20
+"""Of a run, one after the other."""
+RUN = "next task of a run in ROS 2"
+SCENARIO = f"""\
+version: 1
+name: tasks
+steps:
+  - repeat: [{{task: go, skill: go, robot: rover, arguments: {{to: 0.5}}}}]
+    times: {TASKS}
+"""
+
+
 class Line:
     """Everything that runs while the group is measured."""
 
@@ -59,6 +75,19 @@ class Line:
     def floor(self, ros: str) -> list[float]:
         """The same of a bare service."""
         return self._ages(self._callers[ros], "", self._robots[ros])
+
+    def tasks(self) -> list[float]:
+        """Microseconds from the begin of each task of a run to the begin of the next; the robot needs none itself."""
+        robot = self._robots["ros2"]
+        robot.tell("taken")
+        robot.read()
+        self._client.tell("run tasks")
+        state = json.loads(self._client.read())
+        robot.tell("taken")
+        began: list[float] = json.loads(robot.read())
+        if (state, len(began)) != ("done", TASKS):
+            raise Failed(f"a run of {TASKS} tasks is {state}, and the robot began {len(began)} times")
+        return [(later - earlier) * 1e6 for earlier, later in itertools.pairwise(began)]
 
     def _ages(self, caller: Node, what: str, robot: Node) -> list[float]:
         robot.tell("taken")
@@ -105,8 +134,8 @@ def fleet_of(master_uri: str, domain: int) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def line() -> Generator[Line]:
-    """Start the masters, robots, bridges and the server; end them afterwards."""
+def line(root: Path = system.ROOT) -> Generator[Line]:
+    """Start the masters, robots, and bridges and server of a clone; end them afterwards."""
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(dir=system.ROOT)))
         domain = stack.enter_context(system.ros_domain())
@@ -124,11 +153,11 @@ def line() -> Generator[Line]:
         fleet.write_text(json.dumps(raw))
         provide(folder, raw)
 
-        def start(*args: str | Path, env: dict[str, str] = env) -> Node:
-            return stack.enter_context(running_node(*args, env=env))
+        def start(*args: str | Path, env: dict[str, str] = env, cwd: Path = system.ROOT) -> Node:
+            return stack.enter_context(running_node(*args, env=env, cwd=cwd))
 
-        def product(python: str | Path, *args: str | Path, env: dict[str, str] = env) -> Node:
-            return start(python, "-m", "ua_fleet.cli", *args, "-c", fleet, env=env)
+        def product(venv: str, *args: str | Path, env: dict[str, str] = env) -> Node:
+            return start(root / venv / "bin" / "python", "-m", "ua_fleet.cli", *args, "-c", fleet, env=env, cwd=root)
 
         robots = {
             "ros2": start(sys.executable, NODES / "starter_ros2.py", str(domain), env=ros2),
@@ -138,9 +167,9 @@ def line() -> Generator[Line]:
             "ros2": start(sys.executable, NODES / "caller_ros2.py", env=ros2),
             "ros1": start(system.ROS1_PYTHON, NODES / "caller_ros1.py", env=ros1),
         }
-        product(sys.executable, "bridge", "floor")
-        product(system.ROS1_PYTHON, "bridge", "cell", env=ros1)
-        url = product(sys.executable, "serve").ready.removeprefix("ready: ")
+        product(".venv", "bridge", "floor")
+        product(".venv-ros1", "bridge", "cell", env=ros1)
+        url = product(".venv", "serve").ready.removeprefix("ready: ")
         skills = [way.skill for way in WAYS]
         module = "benchmarks.ros_nodes.starting_client"
         client = start(sys.executable, "-m", module, url, folder / "identity", *skills)
@@ -148,11 +177,14 @@ def line() -> Generator[Line]:
 
 
 def provide(folder: Path, raw: dict[str, Any]) -> None:
-    """The keys of the fleet, and the user."""
+    """The keys of the fleet, the user, and the scenario."""
     config = FleetConfig.model_validate({**raw, "bridges": _plain(raw["bridges"])})
     write_keys(folder, config)
     users = UserStore(folder / config.server.state_dir / USERS_FILE)
     users.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    scenarios = folder / config.scenarios.folder
+    scenarios.mkdir()
+    (scenarios / "tasks.yaml").write_text(SCENARIO)
     users.add(USER, PASSWORD, Role.OPERATOR, replace_existing=False)
 
 
@@ -166,13 +198,37 @@ def figures(rounds: int) -> list[Figure]:
     for part in ("ros1", "ros2"):
         if reason := system.missing(part):
             raise Unavailable(reason)
-    with line() as running:
+    with contextlib.ExitStack() as stack:
+        clones = [system.ROOT, *filter(None, [beside()])]
+        lines = [stack.enter_context(line(root)) for root in clones]
         floor: dict[Way, list[float]] = {way: [] for way in WAYS}
-        ours: dict[Way, list[float]] = {way: [] for way in WAYS}
+        of_clones: list[dict[Way, list[float]]] = [{way: [] for way in WAYS} for _ in lines]
+        tasks: list[list[float]] = [[] for _ in lines]
         for _ in range(max(rounds, FEWEST_ROUNDS)):
             for way in WAYS:
-                floor[way] += running.floor(way.ros)
-                ours[way] += running.ours(way)
+                floor[way] += lines[0].floor(way.ros)
+                for running, of_clone in zip(lines, of_clones, strict=True):
+                    of_clone[way] += running.ours(way)
+            for running, of_run in zip(lines, tasks, strict=True):
+                of_run += running.tasks()
+    return [*_starts(floor, of_clones), *_runs(floor[WAYS[0]], tasks)]
+
+
+def _runs(floor: list[float], tasks: list[list[float]]) -> list[Figure]:
+    (p50, p99), (floor_p50, floor_p99) = median_and_p99(tasks[0]), median_and_p99(floor)
+    reference = REFERENCES["ros2"]
+    rows = [
+        shown(f"{RUN}, p50", p50, "us", reference=reference, reference_value=floor_p50),
+        shown(f"{RUN}, p99", p99, "us", reference=reference, reference_value=floor_p99),
+    ]
+    for other in tasks[1:]:
+        before, _ = median_and_p99(other)
+        rows.append(shown(f"{RUN}, p50, beside", p50, "us", reference=OTHER, reference_value=before))
+    return rows
+
+
+def _starts(floor: dict[Way, list[float]], of_clones: list[dict[Way, list[float]]]) -> list[Figure]:
+    ours, *others = of_clones
     rows: list[Figure] = []
     for way in WAYS:
         floor_p50, floor_p99 = median_and_p99(floor[way])
@@ -180,4 +236,7 @@ def figures(rounds: int) -> list[Figure]:
         reference = REFERENCES[way.ros]
         rows.append(shown(f"Start to {way.name}, p50", p50, "us", reference=reference, reference_value=floor_p50))
         rows.append(shown(f"Start to {way.name}, p99", p99, "us", reference=reference, reference_value=floor_p99))
+        for other in others:
+            before, _ = median_and_p99(other[way])
+            rows.append(shown(f"Start to {way.name}, p50, beside", p50, "us", reference=OTHER, reference_value=before))
     return rows

@@ -238,7 +238,7 @@ def test_what_a_bridge_says_is_what_the_server_takes(server: Server) -> None:
 
 
 def test_a_skill_of_clients_is_added_kept_and_changed_by_engineers_alone(server: Server, tmp_path: Path) -> None:
-    with pytest.raises(AccessRefused, match="only an engineer may change it"):
+    with pytest.raises(AccessRefused, match="only an engineer may change that"):
         server.roster.offer("mechanic", "fix", "needs: [repair]", "oscar", may_change=False)
     first = server.roster.offer("mechanic", "fix", "needs: [repair]", "eva", may_change=True)
     assert first.capacities == ("repair",)

@@ -31,11 +31,13 @@ class Login:
 
 
 def addresses_of(config: FleetConfig, robots: Iterable[str] | None = None) -> dict[str, str]:
-    """The nodes that show whether robots are heard: robot by address."""
+    """The nodes that show whether robots are heard, robot by address: not what clients write, which may have no value yet."""
     found: dict[str, str] = {}
     for name in config.robots if robots is None else robots:
         found[f"ns=2;s=Robots.{name}.State"] = name
         for data in config.robots[name].data.values():
+            if data.origin == "server":
+                continue
             fields = [f"ns=2;s={data.id}.{part}" for part in data.fields or ()]
             found |= dict.fromkeys(fields or [f"ns=2;i={data.id}"], name)
     return found

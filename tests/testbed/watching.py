@@ -31,7 +31,7 @@ class Login:
 
 
 def addresses_of(config: FleetConfig, robots: Iterable[str] | None = None) -> dict[str, str]:
-    """The nodes that show whether robots are heard, robot by address: not what clients write, which may have no value yet."""
+    """The nodes that show whether robots are heard: robot by address. What clients write may have no value yet."""
     found: dict[str, str] = {}
     for name in config.robots if robots is None else robots:
         found[f"ns=2;s=Robots.{name}.State"] = name

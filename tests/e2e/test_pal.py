@@ -97,7 +97,7 @@ def test_the_line_without_ros1_has_the_arm_in_ros2(processes: Processes, tmp_pat
         port = somebody.getsockname()[1]
         options = ("--without-ros1", "--arm-domain", str(arm_domain), "--console-port", str(port))
         child, path = _start(processes, tmp_path, ros_domain, *options, once=False)
-        child.wait_for("end it with Ctrl-C", RUN_TIMEOUT_S)
+        child.wait_for("the line stays up until you press Ctrl-C", RUN_TIMEOUT_S)
         check_console(child, "AssemblyLine", ("niryo_ned", "turtlebot3", "human"), ("turtlebot3", POSE))
         assert child.end(signal.SIGINT) == 0
     logs = "".join(log.read_text() for log in (tmp_path / "run" / "log").glob("*.log"))

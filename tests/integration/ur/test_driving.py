@@ -234,8 +234,8 @@ async def test_an_arm_that_nobody_drives_is_left_and_one_with_a_program_is_not_g
             while cell.controller.state()["runtime"] != "PLAYING":
                 await asyncio.sleep(0.02)
             while "another program runs on the controller" not in (refused := await anna.acquire()).report.message:
-                assert refused.kind is OutcomeKind.REFUSED
-                await asyncio.sleep(0.1)
+                await asyncio.sleep(0.1)  # the controller has not told the driver of the program yet
+        assert refused.kind is OutcomeKind.REFUSED
 
 
 def dashboard(host: str, *commands: str) -> None:

@@ -82,6 +82,9 @@ class CommandLink:
         self.has_control = True
 
     def _send_control_program(self) -> None:
+        if self.call("control", "isProgramRunning"):  # begun since the state was told: ours would take its place
+            self.check_own_program()
+            return
         self.call("control", "reuploadScript", timeout_s=_OPEN_S)
         deadline = time.monotonic() + self._timeout_s
         while not self.call("control", "isProgramRunning"):

@@ -233,7 +233,6 @@ async def test_an_arm_that_nobody_drives_is_left_and_one_with_a_program_is_not_g
         async with asyncio.timeout(WAIT_S):
             while cell.controller.state()["runtime"] != "PLAYING":
                 await asyncio.sleep(0.02)
-            await asyncio.sleep(1.5)  # the telemetry may not have told the driver of the program yet
             while "another program runs on the controller" not in (refused := await anna.acquire()).report.message:
                 assert refused.kind is OutcomeKind.REFUSED
                 await asyncio.sleep(0.1)

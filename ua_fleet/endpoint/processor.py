@@ -37,6 +37,7 @@ from ua_fleet.endpoint.decoding import (
     decode_parameters,
     decode_request_head,
 )
+from ua_fleet.endpoint.own_time import own_time
 from ua_fleet.endpoint.request import ServiceRequest
 from ua_fleet.endpoint.services import Services, encoding
 from ua_fleet.endpoint.sessions import Session
@@ -261,12 +262,12 @@ class Processor:
     @contextlib.contextmanager
     def _charged(self, stranger: bool = True) -> Generator[None]:
         """What is computed meanwhile, without waiting, is owed until a user logs in."""
-        began = time.thread_time()
+        began = own_time()
         try:
             yield
         finally:
             if stranger:
-                self._charge.spend(time.thread_time() - began, time.monotonic())
+                self._charge.spend(own_time() - began, time.monotonic())
 
     def _tell_opened(self, code: int) -> None:
         """Tell engineers of an OpenSecureChannel, if there was one."""

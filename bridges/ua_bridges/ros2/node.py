@@ -137,11 +137,14 @@ class Ros2Node:
             self._context = beside.context
             self.node = _node_in(self._context, name)
         from rclpy.duration import Duration
+        from rclpy.exceptions import InvalidHandle
         from rclpy.experimental.events_executor import EventsExecutor
         from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
         self.no_time: Any = Duration()
         """A timeout that asks and does not wait."""
+        self.destroyed: type[Exception] = InvalidHandle
+        """What rclpy raises of an entity that is destroyed."""
         self._reliable, self._transient_local = ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL
         self.executor: Any = EventsExecutor(context=self._context)
         self.executor.add_node(self.node)

@@ -19,6 +19,8 @@ __all__ = ["NodeThread"]
 
 _LONGEST_SPIN_S: Final = 1.0
 _SHORTEST_SPIN_S: Final = 0.0005
+_MOST_IN_A_ROW: Final = 1_000
+"""Events of destroyed entities, with nothing else between them, that are no mistake of the bridge."""
 
 _log = structlog.get_logger(__name__)
 
@@ -114,6 +116,7 @@ class NodeThread:
 
     def _spin(self, node: Ros2Node, turn: Callable[[float], float]) -> None:
         spin_once, jobs = node.executor.spin_once, self._jobs
+        in_a_row = 0
         try:
             while not self._stopping:
                 while jobs:
@@ -121,7 +124,14 @@ class NodeThread:
                 now = time.monotonic()
                 if now >= self._due:
                     self._due = turn(now)
-                spin_once(timeout_sec=min(max(self._due - now, _SHORTEST_SPIN_S), _LONGEST_SPIN_S))
+                try:
+                    spin_once(timeout_sec=min(max(self._due - now, _SHORTEST_SPIN_S), _LONGEST_SPIN_S))
+                    in_a_row = 0
+                except node.destroyed:
+                    # An event of a subscription that was destroyed while it waited for its turn: it concerns nobody.
+                    in_a_row += 1
+                    if in_a_row >= _MOST_IN_A_ROW:
+                        raise
         except Exception as error:  # noqa: BLE001 - nobody else would hear of it: `status` tells
             _log.exception("the ROS 2 node ended", domain=self._domain)
             self.failure = f"the ROS 2 node ended: {_mistake(error)}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import time
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ from asyncua.crypto import security_policies
 
 from tests.integration.server_security.harness import CLIENT_URI, Door, Identities, bad, door, load, ua
 from ua_fleet.endpoint.certificates import CertificateState, list_certificates, thumbprint, trust
+from ua_fleet.endpoint.channel import Channel
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -21,6 +24,25 @@ async def connects(hardened: Door, name: str, uri: str = CLIENT_URI, **options: 
     if result == "Good":
         await client.disconnect()
     return result
+
+
+@pytest.fixture
+def slow_collection(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Garbage is collected while a message is read, and takes 0.3 s of computing, as in a process with many objects."""
+    receive = Channel.receive
+
+    def collecting(phase: str, _info: dict[str, Any]) -> None:
+        began = time.thread_time()
+        while phase == "start" and time.thread_time() - began < 0.3:
+            pass
+
+    def receive_and_collect(channel: Channel, frame: bytes) -> Any:
+        gc.callbacks.append(collecting)
+        gc.collect(0)
+        gc.callbacks.remove(collecting)
+        return receive(channel, frame)
+
+    monkeypatch.setattr(Channel, "receive", receive_and_collect)
 
 
 def rejected(hardened: Door) -> list[str]:
@@ -60,6 +82,15 @@ async def test_unsound_certificates_are_refused_though_trusted(
     trust(hardened.state_dir, files.certificate)
     assert await connects(hardened, name) == "BadSecurityChecksFailed"
     assert [line for line in hardened.audit() if line.get("what") == "certificate"][-1]["status"] == status
+
+
+@pytest.mark.usefixtures("slow_collection")
+async def test_no_client_is_charged_for_the_collection_of_garbage(tmp_path: Path, identities: Identities) -> None:
+    """It takes seconds in a large process; an address that owed for it was served no more for 20 s."""
+    async with door(tmp_path, identities) as lab:
+        for _ in range(3):
+            assert await connects(lab, "stranger") == "BadSecurityChecksFailed"
+        assert await connects(lab, "client") == "Good"
 
 
 async def test_certificate_of_another_application(hardened: Door) -> None:

@@ -124,7 +124,7 @@ class HandshakeProgram:
             self._task = task
             self._flags(busy=True)
             memory.put(layout.progress, 0)
-        memory.put(layout.accepted, number)  # last: whoever sees it may believe the rest
+        memory.put(layout.accepted, number)  # last: when it changes, the rest is there
 
     def _go_on(self, task: Task, now: float) -> None:
         memory = self._memory

@@ -13,9 +13,20 @@ from ua_bridges.ros2.thread import NodeThread
 from ua_fleet.errors import BridgeUnavailable, DriverFailed
 
 
+class Destroyed(RuntimeError):
+    """As rclpy has it."""
+
+
 class Executor:
+    def __init__(self) -> None:
+        self.late_events = 0
+        """Events of what is destroyed, one for each spin."""
+
     def spin_once(self, *, timeout_sec: float) -> None:
         del timeout_sec
+        if self.late_events:
+            self.late_events -= 1
+            raise Destroyed("cannot use Destroyable because destruction was requested")
 
     def create_task(self, _task: Any) -> None:
         pass
@@ -23,6 +34,7 @@ class Executor:
 
 class Node:
     closed = 0
+    destroyed = Destroyed
 
     def __init__(self, *_arguments: Any) -> None:
         self.executor = Executor()
@@ -85,4 +97,30 @@ async def test_node_that_a_mistake_ends_is_over_and_leaves_its_domain(thread: No
     assert thread.failure == (
         "the ROS 2 node ended: a mistake of the bridge (KeyError('x')); report its log, and start it again"
     )
+    await thread.stop()
+
+
+async def test_events_of_a_destroyed_subscription_end_no_node(thread: NodeThread) -> None:
+    def late(node: Any) -> None:
+        node.executor.late_events = 100
+
+    turns: list[float] = []
+    await thread.start(late, lambda now: turns.append(now) or now, nothing)
+    async with asyncio.timeout(60):
+        while len(turns) < 300:
+            await asyncio.sleep(0.001)
+    assert thread.failure is None
+    await thread.stop()
+
+
+async def test_a_node_that_says_nothing_else_has_failed(thread: NodeThread) -> None:
+    def broken(node: Any) -> None:
+        node.executor.late_events = 1_000_000
+
+    with capture_logs():
+        await thread.start(broken, lambda now: now, nothing)
+        async with asyncio.timeout(60):
+            while thread.failure is None:
+                await asyncio.sleep(0.001)
+    assert "destruction was requested" in thread.failure
     await thread.stop()

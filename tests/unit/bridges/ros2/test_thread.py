@@ -105,7 +105,12 @@ async def test_events_of_a_destroyed_subscription_end_no_node(thread: NodeThread
         node.executor.late_events = 100
 
     turns: list[float] = []
-    await thread.start(late, lambda now: turns.append(now) or now, nothing)
+
+    def turn(now: float) -> float:
+        turns.append(now)
+        return now
+
+    await thread.start(late, turn, nothing)
     async with asyncio.timeout(60):
         while len(turns) < 300:
             await asyncio.sleep(0.001)

@@ -25,6 +25,9 @@ PUBLISHING_MS = 100
 MOST_WAITING = 10 * NODES
 """Notifications that a client takes before it has counted them."""
 
+TURN = 64
+"""Messages after which others get their turn, as in `transport.udp`; with the stock server it is 250 writes."""
+
 Serve = Callable[[str], Awaitable[str]]
 
 
@@ -48,19 +51,24 @@ class Meter:
 
 
 async def ours(port: int) -> None:
-    """State, coalescer, projection and the notifications of our server; a message in, a node and its watchers out."""
+    """Core, projection and the notifications of our server; a message in, a node and its watchers out."""
     from benchmarks.address_space import NODES as PER_ROBOT
     from ua_fleet.config.nodes import fleet_model
     from ua_fleet.config.schema import FleetConfig
-    from ua_fleet.counters import Counters
     from ua_fleet.endpoint.hardened_server import create_server
-    from ua_fleet.fleet import Coalescer, FleetState, ValueChanged
+    from ua_fleet.monitoring import Mistakes
     from ua_fleet.nodes.address_space import FleetNodes
     from ua_fleet.nodes.nodeset import load_types
     from ua_fleet.nodes.projection import Projection
     from ua_fleet.pubsub.events import DataReceived
     from ua_fleet.pubsub.metadata import make_field
-    from ua_fleet.topics import Topic
+    from ua_fleet.server.attached import Parts
+    from ua_fleet.server.core import ServerCore
+    from ua_fleet.server.ground import PubSubEnds, make_ground
+    from ua_fleet.server.hub import wall_ticks
+    from ua_fleet.skill.journal import MemoryJournal
+    from ua_fleet.topics import Topic, loop_verdict
+    from ua_fleet.transport import MemoryNetwork
     from ua_fleet.values import BuiltinType, ticks_from_unix_ns
     from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 
@@ -87,8 +95,21 @@ async def ours(port: int) -> None:
         model = fleet_model(config)
         nodes = FleetNodes(server.iserver.aspace, model)
         nodes.build()
-        state, coalescer = FleetState(model, Counters()), Coalescer(config.server.analog_rate_hz)
+        clock = asyncio.get_running_loop().time
+        ground = make_ground(
+            config,
+            model,
+            PubSubEnds(config, Path(folder), MemoryNetwork(0).endpoint(), clock),
+            MemoryJournal(),
+            Mistakes(),
+            rule=loop_verdict,
+            told=lambda _execution_id, _outcome: None,
+            sooner=lambda: None,
+            clock=clock,
+            wall_ticks=wall_ticks,
+        )
         projection = Projection(nodes)
+        core = ServerCore(ground, Parts(nodes=projection), analog_rate_hz=config.server.analog_rate_hz)
         await server.start()
         metadata = DataSetMetaData("value", (make_field("data", BuiltinType.DOUBLE),), ConfigurationVersion(1, 1))
         topics = [Topic(2, 2, number) for number in ids]
@@ -104,13 +125,13 @@ async def ours(port: int) -> None:
                 )
                 for topic in topics
             ]
-            now = asyncio.get_running_loop().time()
+            now = clock()
             meter.started = time.process_time()
-            for event in events:
-                for change in state.apply(event, wall):
-                    if isinstance(change, ValueChanged) and (ready := coalescer.offer(change, now)) is not None:
-                        projection.put(ready)
-            await projection.write_waiting()
+            for number, event in enumerate(events):
+                projection.begin_turn()
+                core.hear([event], now=now, wall=wall)
+                if number % TURN == TURN - 1:
+                    await asyncio.sleep(0)
             return meter.answer()
 
         print("ready", flush=True)

@@ -78,7 +78,7 @@ async def server(port: int, has_summaries: bool) -> None:
         wall = ticks_from_unix_ns(time.time_ns())
         parts = NodeFactory(made.iserver.aspace, nodes.ns)
         parts.values = nodes.values
-        summaries = SummaryNodes(parts, state, RobotActivities(), projection.put, lambda: wall, Mistakes())
+        summaries = SummaryNodes(parts, state, RobotActivities(), projection.write, lambda: wall, Mistakes())
         if has_summaries:
             summaries.build()
         await made.start()
@@ -89,7 +89,7 @@ async def server(port: int, has_summaries: bool) -> None:
         def take(changes: list[Change]) -> None:
             for change in changes:
                 if isinstance(change, ValueChanged) and (ready := coalescer.offer(change, now)) is not None:
-                    projection.put(ready)
+                    projection.write(ready)
 
         async def answer(line: str) -> str:
             nonlocal now, wall
@@ -104,11 +104,14 @@ async def server(port: int, has_summaries: bool) -> None:
             ]
             meter.started = time.process_time()
             for event in events:
+                projection.begin_turn()
                 take(state.apply(event, wall))
             take(state.tick(wall))
             while has_summaries and (due := summaries.next_deadline(now)) is not None and due <= now:
                 summaries.poll(now)
-            await projection.write_waiting()
+            while projection.waiting:
+                projection.poll(now)
+                await asyncio.sleep(0)
             return meter.answer()
 
         print("ready", flush=True)

@@ -112,7 +112,7 @@ class Drop(StrEnum):
     NOT_A_SETPOINT = "not_a_setpoint"
     """Another message for data that takes the setpoints of teleoperation alone."""
     UNTOLD = "untold"
-    """A state or an event that clients were not told, since too many waited; the latest state is shown."""
+    """Not counted any more, since clients are told each state and event; for those who watch it."""
 
 
 NO_LOSS: Final = frozenset({Drop.LOOP, Drop.FOREIGN, Drop.OWN_PUBLICATION, Drop.REPEATED, Drop.DUPLICATE})

@@ -42,9 +42,9 @@ class DiagnosticNodes:
         for values in list(self._live.values()):
             yield from [live for live in values if live.is_watched]
 
-    async def remove(self, key: str, node_id: ua.NodeId) -> None:
+    def remove(self, key: str, node_id: ua.NodeId) -> None:
         """Remove a node with all below it, and forget the values that were added for `key`."""
-        await self.builder.remove(node_id)
+        self.builder.remove(node_id)
         self._live.pop(key, None)
 
     def add_structure(

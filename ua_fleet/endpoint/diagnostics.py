@@ -198,7 +198,7 @@ class Diagnostics:
 
     async def remove(self, session: Session) -> None:
         """Remove the nodes of a session that has ended."""
-        await self._nodes.remove(session.key, session.session_id)
+        self._nodes.remove(session.key, session.session_id)
 
     def _structure(
         self,
@@ -235,7 +235,7 @@ class Diagnostics:
     async def remove_subscription(self, subscription: ClientSubscription) -> None:
         """Remove the node of a subscription that has ended."""
         key = _key_of(subscription)
-        await self._nodes.remove(key, raw_id(f"{key}.{_OWN}", SERVER_NAMESPACE))
+        self._nodes.remove(key, raw_id(f"{key}.{_OWN}", SERVER_NAMESPACE))
 
 
 def _key_of(subscription: ClientSubscription) -> str:

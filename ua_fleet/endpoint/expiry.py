@@ -21,7 +21,7 @@ PERIOD_S: Final = 3600.0
 
 
 class CertificateWatch:
-    """A clock of the hub's."""
+    """Called in time (`server.attached.Clock`)."""
 
     def __init__(
         self, state_dir: Path, clock: Callable[[], float], wall: Callable[[], datetime] = lambda: datetime.now(UTC)

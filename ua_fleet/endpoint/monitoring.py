@@ -18,13 +18,13 @@ import functools
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Generator
 from typing import Any, Final, Protocol
 
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
 from ua_fleet.endpoint.answers import Misfit
+from ua_fleet.endpoint.at_once import DONE, Done
 from ua_fleet.endpoint.filters import EventFilter
 from ua_fleet.endpoint.indexrange import IndexRange, apply_range, is_small
 from ua_fleet.endpoint.notifications import change_bytes, event_bytes
@@ -35,19 +35,6 @@ __all__ = ["DataItem", "EventItem", "Item", "Owner"]
 
 _OVERFLOW: Final = 0x0480
 """InfoType DataValue and the Overflow bit of a StatusCode (OPC 10000-4 7.39.1)."""
-
-
-class _Done:
-    """What an awaited callback returns when its work is done already."""
-
-    __slots__ = ()
-
-    def __await__(self) -> Generator[None, None, None]:
-        return
-        yield
-
-
-DONE: Final = _Done()
 
 
 _ENTRY_BYTES: Final = 320
@@ -275,7 +262,7 @@ class DataItem(Item):
             held, self._held = self._held, None
             self._look_at(held)
 
-    def changed(self, handle: int, value: ua.DataValue | None, error: ua.StatusCode | None = None) -> _Done:
+    def changed(self, handle: int, value: ua.DataValue | None, error: ua.StatusCode | None = None) -> Done:
         """Asyncua's callback for each write to the node; with an error the node has been deleted."""
         if self.mode is ua.MonitoringMode.Disabled:
             return DONE
@@ -283,8 +270,8 @@ class DataItem(Item):
             value = ua.DataValue(StatusCode=error)
         if self.interval_s:
             self._sample(value, time.monotonic())
-        else:
-            self._look_at(value)
+        elif self._is_news(value):
+            self.put(value)
         return DONE
 
     def _sample(self, value: ua.DataValue, now: float) -> None:
@@ -310,13 +297,18 @@ class DataItem(Item):
 
     def _look_at(self, value: ua.DataValue) -> None:
         """Queue a value that differs from the last one."""
+        if self._is_news(value):
+            self.put(value)
+
+    def _is_news(self, value: ua.DataValue) -> bool:
+        """Whether a value differs from the last one; it is the last one from now on."""
         last = self.last
         if last is not None and not self._differs(last, value):
             if not self.deadband:
                 self.last = value  # the same for this item, and the old one may go
-            return
+            return False
         self.last = value
-        self.put(value)
+        return True
 
     def take(self) -> ua.DataValue:
         """The oldest value, out of the queue; the one that there is now, where all that waited gave way."""

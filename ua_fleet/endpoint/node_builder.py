@@ -22,6 +22,7 @@ from asyncua.server.address_space import AddressSpace, NodeData
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds
 
+from ua_fleet.endpoint.at_once import do_at_once
 from ua_fleet.endpoint.compact_nodes import BuiltNode, HeldValue, NodeKind, Shared
 from ua_fleet.endpoint.convert import raw_id, to_status
 from ua_fleet.errors import ServerStartError
@@ -240,7 +241,7 @@ class NodeBuilder:
         references = self._space[node_id].references
         return any(found.ReferenceTypeId == reference and not found.IsForward for found in references)
 
-    async def remove(self, node_id: ua.NodeId) -> list[ua.NodeId]:
+    def remove(self, node_id: ua.NodeId) -> list[ua.NodeId]:
         """Remove a node with all that was added below it, and say which these were.
 
         Who watches any of it is told BadNodeIdUnknown. Only these nodes and those that they refer to are looked at:
@@ -258,7 +259,7 @@ class NodeBuilder:
                 references = _made(around)
                 references[:] = [reference for reference in references if reference.NodeId not in gone]
         for removed, data in gone.items():
-            await self._tell_gone(removed, data)
+            self._tell_gone(removed, data)
         for removed in gone:
             del self._space[removed]
             self._parent_references.pop(removed, None)
@@ -282,13 +283,13 @@ class NodeBuilder:
                         waiting.append(child)
         return found
 
-    async def _tell_gone(self, node_id: ua.NodeId, data: NodeData) -> None:
+    def _tell_gone(self, node_id: ua.NodeId, data: NodeData) -> None:
         gone = ua.DataValue(StatusCode=to_status(StatusCode.BAD_NODE_ID_UNKNOWN))
         watched = self._space._handle_to_attribute_map  # noqa: SLF001 - the only place that knows whose handle it is
         for attribute in data.attributes.values():
             for handle, callback in list(attribute.datachange_callbacks.items()):
                 if watched[handle][0] == node_id:  # else another node's that shares the attribute
-                    await callback(handle, gone)
+                    do_at_once(callback(handle, gone))
                     self._space.delete_datachange_callback(handle)
 
     def _add(

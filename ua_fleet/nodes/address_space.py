@@ -111,7 +111,7 @@ class FleetNodes:
             held = self.values.get(key)
         return held
 
-    async def add_source(self, data_set: DataSetModel) -> None:
+    def add_source(self, data_set: DataSetModel) -> None:
         """Make the nodes of a source that the model does not name: all of them, or none where one cannot be made."""
         group = self._parts.group(_SOURCES)
         if self._parts.has(node_id(data_set.key)):
@@ -120,17 +120,17 @@ class FleetNodes:
         try:
             self._add_data_set(data_set, group, data_set.topic.name)
         except Exception:
-            await self._parts.remove(node_id(data_set.key))
+            self._parts.remove(node_id(data_set.key))
             self._parents.pop(data_set.key, None)
             self._parts.leave(_SOURCES, group)
             raise
 
-    async def remove_source(self, data_set: DataSetModel) -> None:
+    def remove_source(self, data_set: DataSetModel) -> None:
         """Remove the nodes of a source that had been added."""
         group = self._parents.pop(data_set.key, None)
         if group is None:
             return  # they could not be made
-        await self._parts.remove(node_id(data_set.key))
+        self._parts.remove(node_id(data_set.key))
         self._max_ages.pop(data_set.key, None)
         self._parts.leave(_SOURCES, group)
 
@@ -148,9 +148,9 @@ class FleetNodes:
         """Make the nodes of a robot that the model does not name."""
         self._add_robot(robot)
 
-    async def remove_robot(self, robot: RobotModel) -> None:
+    def remove_robot(self, robot: RobotModel) -> None:
         """Remove the nodes of a robot, and the capacities that no other robot has."""
-        await self._parts.remove(node_id(robot.key))
+        self._parts.remove(node_id(robot.key))
         self._parts.leave(_ROBOTS, self._parents.pop(robot.key))
         for data_set in robot.all_data_sets():
             self._parents.pop(data_set.key, None)
@@ -159,7 +159,7 @@ class FleetNodes:
             known = self._capabilities[capacity]
             if not self._parts.builder.is_referenced(known, self._parts.types[TypeId.PROVIDES_CAPABILITY]):
                 del self._capabilities[capacity]
-                await self._parts.remove(known)
+                self._parts.remove(known)
 
     def set_capacities(self, robot: RobotModel, capacities: tuple[str, ...]) -> tuple[list[str], list[str]]:
         """Show what a robot can do now, beside the value of its property; which it has gained and which lost."""
@@ -191,9 +191,9 @@ class FleetNodes:
         for name, text in (("Topic", topic), ("MessageType", source.message_type), ("Reason", source.reason)):
             self._parts.property(f"{_QUARANTINE}.{topic}.{name}", name, parent, BuiltinType.STRING, text)
 
-    async def remove_quarantined(self, topic: Topic) -> None:
+    def remove_quarantined(self, topic: Topic) -> None:
         """List a source no more."""
-        await self._parts.remove(self._parts.id(f"{_QUARANTINE}.{topic.name}"))
+        self._parts.remove(self._parts.id(f"{_QUARANTINE}.{topic.name}"))
         self._parts.leave(_QUARANTINE, self._quarantined.pop(topic))
 
     def _add_robot(self, robot: RobotModel) -> None:

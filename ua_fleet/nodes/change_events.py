@@ -37,7 +37,7 @@ class Verb(IntFlag):
     REFERENCE_DELETED = 8
 
 
-async def tell_capacities(
+def tell_capacities(
     events: ServerEvents, change: CapacitiesChanged, gained: Sequence[str], lost: Sequence[str], ticks: int
 ) -> None:
     """Emit the events of capacities that a robot has gained or lost."""
@@ -47,21 +47,21 @@ async def tell_capacities(
             why = "; ".join(dict.fromkeys(change.lacks[name] for name in names if name in change.lacks))
             text = f"robot {change.robot.name} {what}: {', '.join(names)}{f' ({why})' if why else ''}"
             _log.info(text, robot=change.robot.name)
-            await _tell(events, change.robot, verb, text, ticks)
+            _tell(events, change.robot, verb, text, ticks)
 
 
-async def tell_model_change(events: ServerEvents, robot: RobotModel, verb: Verb, ticks: int) -> None:
+def tell_model_change(events: ServerEvents, robot: RobotModel, verb: Verb, ticks: int) -> None:
     """Emit the event of a robot that has come or gone."""
     what = "is one of the fleet now" if verb is Verb.NODE_ADDED else "is gone"
-    await _tell(events, robot, verb, f"robot {robot.name} {what}", ticks)
+    _tell(events, robot, verb, f"robot {robot.name} {what}", ticks)
 
 
-async def _tell(events: ServerEvents, robot: RobotModel, verb: Verb, text: str, ticks: int) -> None:
+def _tell(events: ServerEvents, robot: RobotModel, verb: Verb, text: str, ticks: int) -> None:
     change: Any = ua.ModelChangeStructureDataType(
         node_id(robot.key), raw_id(TypeId.ROBOT.value, TYPES_INDEX), ua.Byte(verb.value)
     )
     changes = (ExtensionObject(_ENCODING, struct_to_binary(change)),)
-    await events.emit(
+    events.emit(
         _TYPE,
         source=NodeId(0, int(ObjectIds.Server)),
         source_name="Server",

@@ -17,6 +17,7 @@ from asyncua import ua
 from asyncua.common.events import Event
 from asyncua.server.internal_server import InternalServer
 
+from ua_fleet.endpoint.at_once import do_at_once
 from ua_fleet.endpoint.convert import node_id, to_variant
 from ua_fleet.endpoint.stack import ObjectIds, ns0
 from ua_fleet.values import NodeId, Variant, datetime_from_ticks
@@ -35,7 +36,7 @@ class ServerEvents:
     def __init__(self, iserver: InternalServer) -> None:
         self._iserver = iserver
 
-    async def emit(
+    def emit(
         self,
         event_type: ua.NodeId,
         *,
@@ -75,4 +76,4 @@ class ServerEvents:
         for name, field in fields.items():
             variant: Any = to_variant(field.type, field.value) if field.type else ua.Variant()
             event.add_property(name, variant.Value, variant.VariantType)
-        await self._iserver.subscription_service.trigger_event(event, subscription_id)
+        do_at_once(self._iserver.subscription_service.trigger_event(event, subscription_id))

@@ -26,7 +26,7 @@ _STRING: Final = int(BuiltinType.STRING)
 
 
 class MistakeNodes:
-    """A clock of the hub's."""
+    """Keeps these nodes true; called in time (`server.attached.Clock`)."""
 
     def __init__(
         self,

@@ -148,9 +148,9 @@ class NodeFactory:
         """Whether there is such a node, whoever made it."""
         return self.builder.has(node)
 
-    async def remove(self, node: ua.NodeId) -> None:
+    def remove(self, node: ua.NodeId) -> None:
         """Remove a node with all that is below it."""
-        for gone in await self.builder.remove(node):
+        for gone in self.builder.remove(node):
             identifier: Any = gone.Identifier
             self.values.pop(NodeId(int(gone.NamespaceIndex), identifier), None)
             self._groups.pop(str(identifier), None)

@@ -143,7 +143,6 @@ class OfferNodes:
             raise NotValid(problems[0], (NodeId(0, 0), problems, lines)) from error
         topic = Topic(SERVER_SPACE, model.ns, next(one.id for one in model.skills if one.name == skill))
         self._offers.offer(_session(), user.name, topic)
-        await self._projection.settled()
         return NodeId(topic.ns, topic.id), [], []
 
     async def _withdraw(self, robot: str, skill: str) -> Sequence[Any]:
@@ -178,13 +177,13 @@ class OfferNodes:
     def _show_lists(self) -> None:
         columns = list(zip(*[_row(asked) for asked in self._offers.open], strict=True)) or [()] * len(_LISTS)
         for (name, kind), values in zip(_LISTS, columns, strict=True):
-            self._projection.put(ValueChanged(self._key(name), kind, tuple(values), 0, self._wall_ticks(), False))
+            self._projection.write(ValueChanged(self._key(name), kind, tuple(values), 0, self._wall_ticks(), False))
 
-    async def _tell(self, asked: OfferedExecution, ticks: int) -> None:
+    def _tell(self, asked: OfferedExecution, ticks: int) -> None:
         name = f"{asked.robot}.{asked.skill.name}"
         said = f"{name} is {asked.state}"
         kinds = {argument.name: argument.type for argument in asked.skill.arguments}
-        await self._events.emit(
+        self._events.emit(
             _EVENT,
             source=NodeId(asked.topic.ns, asked.topic.id),
             source_name=name,

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 from ua_fleet.config.registration import RobotText
@@ -27,18 +27,9 @@ _NOWHERE: Final = NodeId(0, 0)
 class RobotRegistryMethods:
     """Answers the Methods."""
 
-    def __init__(
-        self, server: HardenedServer, parts: NodeFactory, roster: RobotRegistry, settled: Callable[[], Awaitable[None]]
-    ) -> None:
-        """Prepare to answer; `build` makes the Methods.
-
-        Args:
-            server: whose Methods they are.
-            parts: of the fleet.
-            roster: of its robots.
-            settled: returns when clients can see what has been changed.
-        """
-        self._roster, self._settled = roster, settled
+    def __init__(self, server: HardenedServer, parts: NodeFactory, roster: RobotRegistry) -> None:
+        """Prepare to answer for the robots of a roster; `build` makes the Methods."""
+        self._roster = roster
         self._methods = MethodFactory(server, parts, _code_of)
 
     def build(self) -> None:
@@ -68,12 +59,10 @@ class RobotRegistryMethods:
         except ConfigInvalid as error:
             problems, lines = [str(one) for one in error.problems], [one.line for one in error.problems]
             raise NotValid(problems[0], (_NOWHERE, problems, lines)) from error
-        await self._settled()
         return robot.key, [], []
 
     async def _unregister(self, name: str) -> Sequence[Any]:
         self._roster.unregister(name, caller().name)
-        await self._settled()
         return ()
 
 

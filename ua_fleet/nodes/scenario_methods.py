@@ -415,7 +415,7 @@ class ScenarioMethods:
         subscription: Any = self._server.iserver.subscription_service.subscriptions.get(number)
         if subscription is None or subscription.owner != caller():
             raise Refusal(StatusCodes.BadSubscriptionIdInvalid)
-        await self._view.refresh(number)
+        self._view.refresh(number)
         return []
 
     def _alarm(self, parent: ua.NodeId, event_id: ua.Variant) -> str:

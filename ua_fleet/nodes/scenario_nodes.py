@@ -204,12 +204,12 @@ class ScenarioNodes:
                 spare_collection()
         self._write(path, {name.replace("/", "."): field for name, field in fields.items()})
 
-    async def forget(self, folder: str, name: str) -> None:
+    def forget(self, folder: str, name: str) -> None:
         """Remove a run or a decision of a folder."""
         path = f"{folder}.{name}"
         for member in self._known.pop(path, ()):
             self._last.pop(self.key(f"{path}.{member}"), None)
-        await self._parts.remove(self._parts.id(path))
+        self._parts.remove(self._parts.id(path))
 
     def _show(self, path: str, name: str, parent: str, kind: TypeId, values: _Values) -> None:
         if path not in self._known:

@@ -97,7 +97,7 @@ class ScenarioView:
                 self._nodes.show_hold(hold.robot, hold if is_held else None)
                 robot = self._nodes.key(f"Robots.{hold.robot}")
                 told = hold_event(output)
-                self._projection.tell(partial(self._emit, told, robot, hold.robot, self._wall_ticks()))
+                self._projection.then(partial(self._emit, told, robot, hold.robot, self._wall_ticks()))
             case _:
                 pass
 
@@ -141,7 +141,7 @@ class ScenarioView:
         self._nodes.show_run(record)
         told = decision_event(record, decision, changed)
         source = self._nodes.key(f"{RESILIENCE}.Decisions.{decision_id}")
-        self._projection.tell(partial(self._emit, told, source, decision_id, self._wall_ticks()))
+        self._projection.then(partial(self._emit, told, source, decision_id, self._wall_ticks()))
         while len(self.decisions) > MOST_DECISIONS:
             oldest = next((one for one, known in self.decisions.items() if known.state != "open"), None)
             if oldest is None:
@@ -165,23 +165,23 @@ class ScenarioView:
         else:
             self._alarms.pop(fault.id, None)
         robot = self._nodes.key(f"Robots.{fault.robot}")
-        self._projection.tell(partial(self._emit, told, robot, fault.robot, ticks))
+        self._projection.then(partial(self._emit, told, robot, fault.robot, ticks))
 
     def _tell_of_run(self, record: RunRecord, told: Told) -> None:
         source = self._nodes.key(f"{SCENARIOS}.Runs.{record.run_id}")
-        self._projection.tell(partial(self._emit, told, source, record.run_id, self._wall_ticks()))
+        self._projection.then(partial(self._emit, told, source, record.run_id, self._wall_ticks()))
 
-    async def refresh(self, subscription_id: int) -> None:
+    def refresh(self, subscription_id: int) -> None:
         """Tell one subscription all alarms that are retained (ConditionRefresh, OPC 10000-9 5.5.7)."""
         now = self._wall_ticks()
-        await self._frame(ObjectIds.RefreshStartEventType, subscription_id, now)
+        self._frame(ObjectIds.RefreshStartEventType, subscription_id, now)
         for fault_id, (told, ticks) in self._alarms.items():
             robot = self._faults[fault_id].robot
-            await self._emit(told, self._nodes.key(f"Robots.{robot}"), robot, ticks, subscription_id)
-        await self._frame(ObjectIds.RefreshEndEventType, subscription_id, now)
+            self._emit(told, self._nodes.key(f"Robots.{robot}"), robot, ticks, subscription_id)
+        self._frame(ObjectIds.RefreshEndEventType, subscription_id, now)
 
-    async def _frame(self, kind: int, subscription_id: int, ticks: int) -> None:
-        await self._events.emit(
+    def _frame(self, kind: int, subscription_id: int, ticks: int) -> None:
+        self._events.emit(
             ns0(kind),
             source=NodeId(0, int(ObjectIds.Server)),
             source_name="Server",
@@ -192,10 +192,8 @@ class ScenarioView:
             subscription_id=subscription_id,
         )
 
-    async def _emit(
-        self, told: Told, source: NodeId, name: str, ticks: int, subscription_id: int | None = None
-    ) -> None:
-        await self._events.emit(
+    def _emit(self, told: Told, source: NodeId, name: str, ticks: int, subscription_id: int | None = None) -> None:
+        self._events.emit(
             raw_id(told.kind.value, TYPES_INDEX),
             source=source,
             source_name=name,

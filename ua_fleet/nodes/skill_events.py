@@ -20,11 +20,11 @@ _SEVERITY: Final = {ExecutionState.FAILED: 600, ExecutionState.UNKNOWN: 700, Exe
 """Where somebody has to look; all else is 100."""
 
 
-async def tell_transition(events: ServerEvents, moved: SkillTransitioned) -> None:
+def tell_transition(events: ServerEvents, moved: SkillTransitioned) -> None:
     """Emit the event of a transition."""
     execution, name = moved.execution, f"{moved.robot}.{moved.skill.name}"
     message = f"{name}: {moved.transition.text}"
-    await events.emit(
+    events.emit(
         _TYPE,
         source=moved.key,
         source_name=name,

@@ -43,7 +43,7 @@ _ENCODING: Final = NodeId(TYPES_INDEX, TypeId.ROBOT_SUMMARY_BINARY.value)
 
 
 class SummaryNodes:
-    """Keeps these nodes true. A part of the hub's timetable."""
+    """Keeps these nodes true. A part of the core's timetable."""
 
     def __init__(
         self,

@@ -25,7 +25,7 @@ RENEW_S: Final = 1.0
 
 
 class WantedData:
-    """What is wanted of each bridge that reads on demand. See `Clock` in `server.hub`."""
+    """What is wanted of each bridge that reads on demand. See `server.attached.WantedPart`."""
 
     def __init__(
         self,

@@ -19,6 +19,7 @@ from ua_fleet.monitoring.counted import counted, keys_left, transported
 from ua_fleet.monitoring.metrics import MOST_ROBOTS, Family
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.scenario.facts import RunOutcome
+from ua_fleet.server.attached import Ground
 from ua_fleet.server.hub import Hub
 from ua_fleet.server.run_log import RunLog
 from ua_fleet.server.skill_ends import SkillEnds
@@ -43,9 +44,16 @@ class ServerFigures:
     """Looks at the parts of a running server when it is asked."""
 
     def __init__(
-        self, hub: Hub, server: HardenedServer, scenarios: ScenarioService, runs: RunLog, ends: SkillEnds
+        self,
+        hub: Hub,
+        ground: Ground,
+        server: HardenedServer,
+        scenarios: ScenarioService,
+        runs: RunLog,
+        ends: SkillEnds,
     ) -> None:
-        self._hub, self._server, self._scenarios, self._runs, self._ends = hub, server, scenarios, runs, ends
+        self._hub, self._state, self._tracker, self._server = hub, ground.state, ground.tracker, server
+        self._scenarios, self._runs, self._ends = scenarios, runs, ends
 
     def tell(self, monitor: Monitor) -> None:
         """Tell of the server from now on: it serves."""
@@ -58,7 +66,7 @@ class ServerFigures:
 
     def text(self) -> str:
         """Where it serves, and which bridges are not heard."""
-        heard = self._hub.state.bridges_heard
+        heard = self._state.bridges_heard
         away = [name for name, is_heard in heard.items() if not is_heard]
         text = f"{self._server.endpoint.geturl()}, {len(heard) - len(away)} of {len(heard)} bridges heard"
         return f"{text}; not heard: {', '.join(away)}" if away else text
@@ -76,7 +84,7 @@ class ServerFigures:
         yield from self._clients()
 
     def _fleet(self) -> Iterator[Family]:
-        state = self._hub.state
+        state = self._state
         robots = state.robot_states
         yield metrics.ROBOT_UP.many(
             ((name,), shown is not RobotState.OFFLINE) for name, shown in islice(robots.items(), MOST_ROBOTS)
@@ -100,7 +108,7 @@ class ServerFigures:
 
     def _work(self) -> Iterator[Family]:
         yield metrics.EXECUTIONS.many(self._ends.by_robot.items())
-        yield metrics.UNDER_WAY.one(self._hub.tracker.all_under_way)
+        yield metrics.UNDER_WAY.one(self._tracker.all_under_way)
         service = self._scenarios
         yield metrics.RUNS.one(len(service.run_ids))
         yield metrics.RUNS_ENDED.many(((outcome.value,), self._runs.ended[outcome]) for outcome in RunOutcome)

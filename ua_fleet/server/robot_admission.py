@@ -6,12 +6,14 @@ from collections.abc import Callable
 from functools import partial
 
 from ua_fleet.fleet.model import RobotModel
+from ua_fleet.fleet.state import FleetState
 from ua_fleet.nodes.change_events import Verb, tell_model_change
 from ua_fleet.nodes.events import ServerEvents
 from ua_fleet.nodes.projection import Projection
 from ua_fleet.nodes.skill_methods import SkillMethods
 from ua_fleet.operation.robots.offers import ClientOffers
 from ua_fleet.operation.skills.executions import SkillKeys
+from ua_fleet.operation.skills.tracker import SkillTracker
 from ua_fleet.server.hub import Hub
 from ua_fleet.topics import Topic
 
@@ -23,7 +25,9 @@ class RobotAdmission:
 
     def __init__(
         self,
-        hub: Hub,
+        hub: Callable[[], Hub],
+        state: FleetState,
+        tracker: SkillTracker,
         skills: SkillMethods,
         projection: Projection,
         events: ServerEvents,
@@ -34,20 +38,23 @@ class RobotAdmission:
         """Connect the parts.
 
         Args:
-            hub: carries data, and knows of executions.
+            hub: carries data; it is made later.
+            state: of the fleet.
+            tracker: knows of executions.
             skills: answers the Methods of skills.
-            projection: makes the nodes, in order with all values.
+            projection: makes the nodes.
             events: tells clients.
             offers: skills that clients do.
             runs_of: the runs that need a robot.
             wall_ticks: the wall clock.
         """
-        self._hub, self._skills, self._projection, self._events = hub, skills, projection, events
+        self._hub, self._state, self._tracker = hub, state, tracker
+        self._skills, self._projection, self._events = skills, projection, events
         self._offers, self._runs_of, self._wall_ticks = offers, runs_of, wall_ticks
 
     def take_in(self, robot: RobotModel) -> None:
-        """A robot has come; its nodes follow in order with all else."""
-        self._hub.add_robot(robot)
+        """A robot has come."""
+        self._hub().add_robot(robot)
         self._offers.follow(robot)
         self._projection.then(partial(self._shown, robot))
 
@@ -55,7 +62,7 @@ class RobotAdmission:
         """A robot that does nothing is gone."""
         self._skills.remove(robot)
         self._offers.unfollow(robot)
-        self._hub.remove_robot(robot)
+        self._hub().remove_robot(robot)
         self._projection.then(partial(tell_model_change, self._events, robot, Verb.NODE_DELETED, self._wall_ticks()))
 
     def users_of(self, robot: RobotModel) -> list[str]:
@@ -63,18 +70,19 @@ class RobotAdmission:
         busy = [
             f"skill {skill.name} is under way"
             for skill in robot.skills
-            if self._hub.tracker.under_way(SkillKeys(robot.ns, skill.id).object)
+            if self._tracker.under_way(SkillKeys(robot.ns, skill.id).object)
         ]
         return [*busy, *[f"run {run_id}" for run_id in self._runs_of(robot.name)]]
 
     def is_heard(self, robot: RobotModel) -> bool:
         """Whether its SkillStatus is alive."""
-        return robot.skill_status is not None and self._hub.is_alive(robot.skill_status)
+        return robot.skill_status is not None and self._state.is_alive(robot.skill_status)
 
     def stranger(self, ns: int, identifier: int) -> Topic | None:
         """The source that has an id and belongs to no robot or bridge."""
-        return self._hub.stranger(ns, identifier)
+        owner = self._state.owner(ns, identifier)
+        return None if owner is None or self._state.knows(owner) else owner
 
-    async def _shown(self, robot: RobotModel) -> None:
+    def _shown(self, robot: RobotModel) -> None:
         self._skills.add(robot)
-        await tell_model_change(self._events, robot, Verb.NODE_ADDED, self._wall_ticks())
+        tell_model_change(self._events, robot, Verb.NODE_ADDED, self._wall_ticks())

@@ -1,9 +1,10 @@
-"""The parts of this package put together for one server."""
+"""Runs of scenarios put together with what a server shows of them."""
 
 from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import structlog
@@ -25,18 +26,22 @@ from ua_fleet.operation.runs.clock import steady
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.runs.task_calls import Requests
 from ua_fleet.orchestrator import Output, RunChanged
+from ua_fleet.server.attached import Ground
 from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.run_log import RunLog
+from ua_fleet.server.timer import Timer
 from ua_fleet.storage.run_journal import RunJournal
 
-__all__ = ["add_scenarios"]
+__all__ = ["make_scenarios"]
 
 
-def add_scenarios(
+def make_scenarios(
     config: FleetConfig,
     model: FleetModel,
     server: HardenedServer,
-    hub: Hub,
+    hub: Callable[[], Hub],
+    ground: Ground,
+    timer: Timer,
     fleet: FleetNodes,
     journal: RunJournal,
     projection: Projection,
@@ -51,7 +56,9 @@ def add_scenarios(
         config: the fleet's.
         model: of its nodes.
         server: gets the nodes and Methods.
-        hub: carries data, and runs what has to run.
+        hub: carries data; it is made later.
+        ground: what is known of the fleet.
+        timer: is to call what is due.
         fleet: the nodes that are there.
         journal: of runs and faults.
         projection: writes values to nodes.
@@ -65,7 +72,7 @@ def add_scenarios(
     """
     parts = NodeFactory(server.iserver.aspace, model.ns)
     parts.values = fleet.values
-    nodes = ScenarioNodes(parts, projection.put, wall_ticks)
+    nodes = ScenarioNodes(parts, projection.write, wall_ticks)
     nodes.build()
     add_places(parts, places_of(config))
     view = ScenarioView(nodes, ServerEvents(server.iserver), projection, wall_ticks)
@@ -85,14 +92,16 @@ def add_scenarios(
         folder=folder,
         show=show,
         forgotten=view.forget_run,
-        requested=lambda key, execution_id: hub.show_skills(hub.tracker.requested(key, execution_id, wall_ticks())),
-        sooner=hub.check_deadline,
+        requested=lambda key, execution_id: hub().show_skills(
+            ground.tracker.requested(key, execution_id, wall_ticks())
+        ),
+        sooner=timer.sooner,
         clock=clock,
         wall_s=steady(clock, time.time),
-        capacities=hub.capacities,
-        mistakes=hub.mistakes,
+        capacities=ground.state.capacities,
+        mistakes=ground.mistakes,
         log=structlog.get_logger("ua_fleet.scenarios"),
-        faulted=hub.set_faulted,
+        faulted=lambda robot, faulted: hub().set_faulted(robot, faulted),
     )
     records = service.restore()
     view.restored(records, service.holds)
@@ -100,5 +109,4 @@ def add_scenarios(
     view.show_settings(service.settings)
     ScenarioMethods(server, parts, nodes, view, service).build()
     RobotMethods(server, parts, service.holds)
-    hub.add_scenarios(service)
     return service

@@ -6,13 +6,17 @@ all the time.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from math import inf
 from typing import Final
 
-from ua_fleet.monitoring.mistakes import Mistakes
+from ua_fleet.operation.log import MistakeLog
 
-__all__ = ["Timetable"]
+__all__ = ["Entry", "Timetable"]
+
+Entry = tuple[str, Callable[[float], None], Callable[[float], float | None]]
+"""A part: the name by which its mistakes are counted; what does what is due, called with `now`, also before its time;
+and when that is to be called next, or None, called with `now`."""
 
 PAUSE_S: Final = 1.0
 """A part that has failed is not asked again before that."""
@@ -29,19 +33,9 @@ class _Part:
 class Timetable:
     """Deadlines of parts, and their turns. `now` is float seconds of any monotonic clock."""
 
-    def __init__(self, mistakes: Mistakes) -> None:
+    def __init__(self, mistakes: MistakeLog, entries: Iterable[Entry]) -> None:
         self._mistakes = mistakes
-        self._parts: list[_Part] = []
-
-    def add(self, name: str, poll: Callable[[float], None], due_at: Callable[[float], float | None]) -> None:
-        """Give a part its turn.
-
-        Args:
-            name: by which its mistakes are counted.
-            poll: does what is due; called with `now`, also before its time.
-            due_at: when `poll` is to be called next, or None; called with `now`.
-        """
-        self._parts.append(_Part(name, poll, due_at))
+        self._parts = [_Part(*entry) for entry in entries]
 
     def next_deadline(self, now: float) -> float:
         """When `poll` is to be called next; infinity where nothing is due."""

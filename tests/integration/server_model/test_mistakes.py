@@ -19,7 +19,7 @@ from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.subscriber import Subscriber
-from ua_fleet.server import hub
+from ua_fleet.server.core import ServerCore
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import BuiltinType
 
@@ -77,7 +77,7 @@ LOOPS: dict[str, tuple[str, Any, str, Callable[..., bool]]] = {
     "its deadline": ("scenarios", ScenarioService, "next_deadline", always),
     "a clock": ("CertificateWatch", CertificateWatch, "poll", always),
     "another clock": ("ClientOffers", ClientOffers, "poll", always),
-    "keep-alives": ("publisher", hub.Hub, "_poll_publisher", always),
+    "keep-alives": ("publisher", ServerCore, "_poll_publisher", always),
 }
 
 

@@ -448,7 +448,7 @@ async def test_deleted_nodes_do_no_harm(hardened: Door) -> None:
     gone = await hardened.server.nodes.objects.add_variable(ua.NodeId("gone", 2), "gone", 1)
     async with hardened.connected() as client, watching(client, gone.nodeid) as (_, _item):
         await publish(client)
-        await NodeBuilder(hardened.server.iserver.aspace).remove(gone.nodeid)
+        NodeBuilder(hardened.server.iserver.aspace).remove(gone.nodeid)
         result = await publish(client)
         item = result.NotificationMessage.NotificationData[0].MonitoredItems[0]
         assert str(item.Value.StatusCode.name) == "BadNodeIdUnknown"

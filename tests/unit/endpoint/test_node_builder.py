@@ -135,11 +135,11 @@ async def test_who_watches_a_removed_node_is_told_and_nobody_else() -> None:
         watch("fast.v", ua.AttributeIds.Value)
         watch("fast.v", ua.AttributeIds.WriteMask)
         watch("fast", ua.AttributeIds.WriteMask)
-        await builder.remove(raw_id("fast.v", 2))
+        builder.remove(raw_id("fast.v", 2))
         assert told == [("fast.v", "BadNodeIdUnknown")] * 2
         assert await server.get_node("ns=2;s=fast").get_children() == []
         assert space.get(raw_id("fast.v", 2)) is None
-        await builder.remove(raw_id("fast.v", 2))
+        builder.remove(raw_id("fast.v", 2))
 
 
 async def test_a_node_goes_with_all_below_it_but_not_what_others_have_too() -> None:
@@ -150,7 +150,7 @@ async def test_a_node_goes_with_all_below_it_but_not_what_others_have_too() -> N
         builder.add_object(raw_id("fast.w", 2), QualifiedName(2, "below"), raw_id("fast.v", 2), FOLDER_TYPE)
         builder.add_reference(raw_id("fast.w", 2), ORGANIZES, raw_id("other", 2))
         size, before = len(space._nodes), await references(server, "i=61")
-        await builder.remove(raw_id("fast", 2))
+        builder.remove(raw_id("fast", 2))
         assert len(space._nodes) == size - 3
         assert [await server.get_node(node).get_children() for node in ("ns=2;s=other",)] == [[]]
         assert [ref.NodeId for ref in space[raw_id("other", 2)].references if not ref.IsForward] == [OBJECTS]
@@ -190,5 +190,5 @@ async def test_names_that_no_node_has_any_more_are_not_kept() -> None:
                 array_length=100 + number,
                 description=f"number {number}",
             )
-            await builder.remove(raw_id("fast.other", 2))
+            builder.remove(raw_id("fast.other", 2))
         assert (len(builder._shared), len(builder._kinds)) == (shared, kinds)

@@ -197,10 +197,10 @@ async def test_a_source_that_was_not_known_comes_and_goes() -> None:
     async with fleet_built(ROBOTS) as (server, nodes):
         before = set(nodes.values)
         for data_set in (discovered("x"), discovered("x", "y"), discovered("x", "Topic"), discovered("Topic")):
-            await nodes.add_source(data_set)
+            nodes.add_source(data_set)
             assert "2:ua_5_2_700" in await children(server, "ns=2;s=Fleet.Discovered.Sources.G00")
             assert {field.key for field in data_set.fields} <= nodes.values.keys()
-            await nodes.remove_source(data_set)
+            nodes.remove_source(data_set)
             assert await children(server, "ns=2;s=Fleet.Discovered.Sources.G00") == {}
             assert set(nodes.values) == before
 
@@ -246,7 +246,7 @@ async def test_a_robot_comes_and_goes_and_leaves_nothing_behind() -> None:
             assert "ns=2;s=Fleet.Capabilities.paint" in await everything(server, "ns=2;s=Fleet")
             assert await type_definition(server, "ns=2;i=1600") == "ns=3;i=1010"
             assert NodeId(2, 1601) in nodes.values
-            await nodes.remove_robot(late)
+            nodes.remove_robot(late)
             assert await everything(server, "ns=2;s=Fleet") == before
             assert (len(space._nodes), len(nodes.values)) == (size, values)
             assert len(space[ua.NodeId(71004, 3)].references) == halt
@@ -259,7 +259,7 @@ async def test_a_place_in_a_group_is_given_again() -> None:
     models = fleet_model(fleet_config(robots)).robots
     async with fleet_built(robots) as (server, nodes):
         assert set(await children(server, "ns=2;s=Fleet.Robots")) == {"2:G00", "2:G01"}
-        await nodes.remove_robot(models[5])
+        nodes.remove_robot(models[5])
         nodes.add_robot(models[5])
         assert "2:r005" in await children(server, "ns=2;s=Fleet.Robots.G00")
         assert set(await children(server, "ns=2;s=Fleet.Robots.G01")) == {"2:r100"}
@@ -285,5 +285,4 @@ async def test_a_maximum_age_that_was_never_wanted_takes_a_new_value() -> None:
         projection = Projection(nodes)
         key = NodeId(2, "MaxAge.1001")
         projection.put(ValueChanged(key, int(BuiltinType.DOUBLE), 3000.0, 0, None, False))
-        await projection.write_waiting()
         assert await server.get_node("ns=2;s=MaxAge.1001").read_value() == 3000.0

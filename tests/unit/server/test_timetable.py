@@ -9,11 +9,16 @@ from ua_fleet.server.timetable import PAUSE_S, Timetable
 
 
 def test_the_nearest_deadline_counts_and_all_get_their_turn() -> None:
-    timetable, turns = Timetable(Mistakes()), list[str]()
-    assert timetable.next_deadline(0.0) == inf
-    timetable.add("a", lambda _: turns.append("a"), lambda _: 7.0)
-    timetable.add("b", lambda _: turns.append("b"), lambda now: now + 2.0)
-    timetable.add("c", lambda _: turns.append("c"), lambda _: None)
+    turns = list[str]()
+    assert Timetable(Mistakes(), []).next_deadline(0.0) == inf
+    timetable = Timetable(
+        Mistakes(),
+        [
+            ("a", lambda _: turns.append("a"), lambda _: 7.0),
+            ("b", lambda _: turns.append("b"), lambda now: now + 2.0),
+            ("c", lambda _: turns.append("c"), lambda _: None),
+        ],
+    )
     assert timetable.next_deadline(1.0) == 3.0
     timetable.poll(1.0)
     assert turns == ["a", "b", "c"]
@@ -21,13 +26,12 @@ def test_the_nearest_deadline_counts_and_all_get_their_turn() -> None:
 
 def test_a_part_that_fails_keeps_no_other_from_its_turn_and_does_not_wake_them_all_the_time() -> None:
     mistakes = Mistakes()
-    timetable, turns = Timetable(mistakes), list[float]()
+    turns = list[float]()
 
     def fail(_: float) -> None:
         raise KeyError("no")
 
-    timetable.add("broken", fail, lambda _: 0.0)
-    timetable.add("good", turns.append, lambda _: 50.0)
+    timetable = Timetable(mistakes, [("broken", fail, lambda _: 0.0), ("good", turns.append, lambda _: 50.0)])
     timetable.poll(10.0)
     assert turns == [10.0]
     assert mistakes.counts == {"broken": 1}
@@ -40,13 +44,11 @@ def test_a_part_that_fails_keeps_no_other_from_its_turn_and_does_not_wake_them_a
 
 def test_a_deadline_that_cannot_be_told_costs_its_part_alone() -> None:
     mistakes = Mistakes()
-    timetable = Timetable(mistakes)
 
     def unknown(_: float) -> float:
         raise ValueError("no")
 
-    timetable.add("broken", lambda _: None, unknown)
-    timetable.add("good", lambda _: None, lambda _: 20.0)
+    timetable = Timetable(mistakes, [("broken", lambda _: None, unknown), ("good", lambda _: None, lambda _: 20.0)])
     assert timetable.next_deadline(10.0) == 10.0 + PAUSE_S
     assert timetable.next_deadline(10.5) == 10.0 + PAUSE_S
     assert mistakes.counts == {"broken": 1}

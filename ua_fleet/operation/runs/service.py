@@ -3,7 +3,7 @@
     values, SkillStatus, outcomes, time, people -> orchestrator -> facts -> journal -> requests to robots; nodes, events
 
 What follows is written down before it is carried out or shown (`carrying`). Everything here runs in the server's event
-loop; the hub calls `poll` when `next_deadline` has come.
+loop; the core of the server calls `poll` when `next_deadline` has come.
 """
 
 from __future__ import annotations

@@ -112,7 +112,7 @@ class _Robot:
 
 
 class TeleoperationService:
-    """See the module. The hub calls `follow`, `receive`, `announced` and, in time, `poll`."""
+    """See the module. The core calls `follow`, `receive`, `announced` and, in time, `poll`."""
 
     def __init__(
         self,
@@ -168,7 +168,7 @@ class TeleoperationService:
             most_remembered=MOST_REQUESTS,
         )
 
-    # What the hub brings.
+    # What the core brings.
 
     def begin(self) -> None:
         """Ask for the Actions that are not announced yet."""

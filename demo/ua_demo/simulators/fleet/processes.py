@@ -1,6 +1,6 @@
 """A bridge and the server: the parts of the real processes, without event loop, disk and nodes.
 
-`bridge.runner` and `server.hub` put the same parts together for a machine. What is left out here sends nothing.
+`bridge.runner` and `server.hub` are what a machine has in their place. What is left out here sends nothing.
 """
 
 from __future__ import annotations
@@ -24,34 +24,30 @@ from ua_fleet.config.registration import announced_robots
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Counters
 from ua_fleet.errors import ScenarioError
+from ua_fleet.fleet.commands import Commands
 from ua_fleet.fleet.model import FleetModel
+from ua_fleet.fleet.state import FleetState
 from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.operation.runs.requests import TaskRequests
 from ua_fleet.operation.skills.commands import SkillCommands
+from ua_fleet.operation.skills.tracker import SkillTracker
 from ua_fleet.orchestrator import OperatorAsked, Orchestrator, Output, TaskCancelled, TaskFollowed, TaskStarted
 from ua_fleet.pubsub.application import Application
-from ua_fleet.pubsub.events import (
-    ActionReceived,
-    AnnouncementReceived,
-    DataReceived,
-    ProbeDue,
-    ProbeReceived,
-    SourceUnknown,
-    SubscriberEvent,
-)
+from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.security import Envelope
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.scenario import FleetView, Scenario, Value, ValueUnknown
 from ua_fleet.scenario.facts import Fact, TaskOutcome
+from ua_fleet.server.attached import Ground, NoRuns, Parts
+from ua_fleet.server.core import ServerCore
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.skill.journal import MemoryJournal
-from ua_fleet.topics import SERVER_SPACE
+from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.transport import Address, SealedSender
 from ua_fleet.values import TICKS_PER_SECOND
 from ua_fleet.wire import Codec
-from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
 __all__ = ["Place", "VirtualBridge", "VirtualServer"]
 
@@ -183,7 +179,7 @@ class VirtualBridge:
 
 
 class VirtualServer:
-    """The server: requestor, orchestrator, and what they need of PubSub."""
+    """The server's core with one run, and nobody who looks at nodes."""
 
     def __init__(
         self,
@@ -204,22 +200,82 @@ class VirtualServer:
             place: where it lives.
             show: told of everything that happens.
         """
-        self.counters, self._clock = place.counters, place.clock
-        self._send, self._send_all = place.sender.send, place.sender.send_all
-        self._show, self._scenario = show, scenario
-        self._subscriber = place.subscriber(SERVER_SPACE)
-        self._publisher = place.publisher(SERVER_SPACE, server_application(config))
-        self._commands = SkillCommands(
-            MemoryJournal(),
+        self.counters, self._clock, self._wall_ticks = place.counters, place.clock, place.wall_ticks
+        subscriber, mistakes = place.subscriber(SERVER_SPACE), Mistakes()
+        ground = Ground(
+            publisher=place.publisher(SERVER_SPACE, server_application(config)),
+            subscriber=subscriber,
+            counters=place.counters,
+            commands=Commands(model),
+            state=FleetState(model, place.counters),
+            skills=SkillCommands(
+                MemoryJournal(),
+                send=place.sender.send,
+                want=subscriber.want_action,
+                sooner=_nothing,
+                wall_ticks=place.wall_ticks,
+                must_be_verified=True,
+                told=self._concluded,
+                clock=place.clock,
+                log=_log,
+            ),
+            tracker=SkillTracker(model),
+            mistakes=mistakes,
+            log=_Unread(),
             send=place.sender.send,
-            want=self._subscriber.want_action,
-            sooner=_nothing,
-            wall_ticks=place.wall_ticks,
-            must_be_verified=True,
-            told=self._concluded,
-            clock=place.clock,
-            log=_log,
         )
+        runs = VirtualRuns(config, model, view, scenario, ground.skills, mistakes, place.clock, show)
+        self._core = ServerCore(
+            ground,
+            Parts(runs=runs),
+            analog_rate_hz=config.server.analog_rate_hz,
+            tick_s=math.inf,  # what it does each second is for those who look at nodes
+        )
+        self._mistakes, self._has_begun = mistakes, False
+
+    def receive(self, datagram: bytes, sender: Address) -> None:
+        """Take a datagram."""
+        self._core.receive(datagram, sender, now=self._clock(), wall=self._wall_ticks())
+        self._check()
+
+    def poll(self) -> None:
+        """Do what is due."""
+        now, wall = self._clock(), self._wall_ticks()
+        if not self._has_begun:
+            self._has_begun = True
+            self._core.begin(now=now, wall=wall)
+        self._core.poll(now=now, wall=wall)
+        self._check()
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None."""
+        return self._core.next_deadline(self._clock()) if self._has_begun else 0.0
+
+    def _concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
+        self._core.concluded(execution_id, outcome, now=self._clock(), wall=self._wall_ticks())
+
+    def _check(self) -> None:
+        """What would cost a server an item must not happen here."""
+        if self._mistakes.count:
+            raise ScenarioError(f"the simulation is wrong: {self._mistakes.text()}")
+
+
+class VirtualRuns(NoRuns):
+    """One run that needs no disk, as soon as all robots can be asked."""
+
+    def __init__(
+        self,
+        config: FleetConfig,
+        model: FleetModel,
+        view: FleetView,
+        scenario: Scenario,
+        skills: SkillCommands,
+        mistakes: Mistakes,
+        clock: Callable[[], float],
+        show: Callable[[Output], None],
+    ) -> None:
+        """Wait for the robots of a model; the arguments are those of VirtualServer."""
+        self._show, self._scenario, self._skills, self._clock = show, scenario, skills, clock
         self._facts: list[tuple[str, Fact]] = []
         self._orchestrator = Orchestrator(
             config.resilience.settings(),
@@ -229,45 +285,43 @@ class VirtualServer:
         )
         self._tasks = TaskRequests(
             {robot.name: robot for robot in model.robots},
-            self._commands,
+            skills,
             requested=lambda _node, _execution_id: None,
-            clock=place.clock,
+            clock=clock,
             is_silent=self._orchestrator.is_silent,
             accepted=self._accepted,
             ended=self._ended,
-            mistakes=Mistakes(),
+            mistakes=mistakes,
             log=_log,
         )
-        self._missing: set[tuple[int | str | None, int]] = {
-            (robot.skill_status.space, skill.id)
+        self._missing = [
+            Topic(robot.skill_status.space, robot.ns, skill.id)
             for robot in model.robots
             if robot.skill_status is not None
             for skill in robot.skills
-        }
-        """The Actions, by PublisherId and DataSetWriterId, that were not announced yet."""
+        ]
+        """Actions of which it is not known yet that they were announced."""
         self._begin_at: float | None = CHECK_S
-        self._has_announced = False
         self._held: deque[Output] = deque()
         self._is_carrying_out = False
 
-    def receive(self, datagram: bytes, sender: Address) -> None:
-        """Take a datagram."""
-        now = self._clock()
-        self._handle(self._subscriber.receive(datagram, now, sender), now)
+    def heard(self, event: DataReceived) -> None:
+        """Take a robot's SkillStatus."""
+        if self._tasks.robot_of(event.topic) is not None:
+            self._tasks.show(event)
+            self._tasks.take_shown(event.topic)
+
+    def concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
+        """The outcome of a request is known."""
+        self._tasks.concluded(execution_id, outcome)
 
     def poll(self) -> None:
         """Do what is due."""
         now = self._clock()
-        wall = wall_ticks(now)
-        if not self._has_announced:
-            self._has_announced = True
-            self._send_all(self._publisher.begin(now=now, wall_ticks=wall))
-        self._handle(self._subscriber.poll(now), now)
-        self._send_all(self._publisher.poll(now, wall))
-        self._commands.poll(now)
         self._tasks.poll()
         if self._begin_at is not None and now >= self._begin_at:
             self._begin_at = now + CHECK_S
+            self._missing = [topic for topic in self._missing if self._skills.action(topic) is None]
             if not self._missing:
                 self._begin_at = None
                 self._do(self._orchestrator.start(RUN_ID, self._scenario, {}, by=OPERATOR, now=now))
@@ -277,37 +331,8 @@ class VirtualServer:
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""
-        if not self._has_announced:
-            return 0.0
-        deadlines = (
-            self._subscriber.next_deadline(),
-            self._publisher.next_deadline(),
-            self._commands.next_deadline(),
-            self._tasks.next_deadline(),
-            self._orchestrator.next_deadline(),
-            self._begin_at,
-        )
+        deadlines = self._tasks.next_deadline(), self._orchestrator.next_deadline(), self._begin_at
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
-
-    def _handle(self, events: Iterable[SubscriberEvent], now: float) -> None:
-        for event in events:
-            if isinstance(event, DataReceived):
-                if self._tasks.robot_of(event.topic) is not None:
-                    self._tasks.show(event)
-                    self._tasks.take_shown(event.topic)
-            elif isinstance(event, ActionReceived):
-                self._commands.receive(event, now)
-            elif isinstance(event, SourceUnknown | ProbeDue):
-                if event.datagram is not None:
-                    self._send(event.datagram)
-            elif isinstance(event, ProbeReceived):
-                self._send_all(self._publisher.answer(event.probe, now))
-            elif isinstance(event, AnnouncementReceived) and isinstance(event.announcement, ActionMetaDataAnnouncement):
-                self._commands.announced(event.announcement)
-                self._missing.discard((event.announcement.publisher_id, event.announcement.data_set_writer_id))
-
-    def _concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
-        self._tasks.concluded(execution_id, outcome)
 
     def _accepted(self, execution_id: str) -> None:
         self._do(self._orchestrator.accepted(execution_id, self._clock()))
@@ -333,6 +358,19 @@ class VirtualServer:
                 self._show(output)
         finally:
             self._is_carrying_out = False
+
+
+class _Unread:
+    """The log of a server that nobody runs."""
+
+    def info(self, _event: str, /, **_values: object) -> None:
+        """A robot or bridge is there."""
+
+    def warning(self, _event: str, /, **_values: object) -> None:
+        """One is gone: the report of the simulation tells of it."""
+
+    def error(self, _event: str, /, **_values: object) -> None:
+        """Data of the server's own cannot be sent; it has none."""
 
 
 def _nothing() -> None:

@@ -178,7 +178,8 @@ class BridgeCore:
         if verdict is not LoopVerdict.TO_PUBSUB:
             self.counters.drop(_DROPS[verdict])
             return None
-        self.tell(topic, values, ticks_from_unix_ns(source_time_ns), status, now=now)
+        for datagram in self._encoded(topic, values, ticks_from_unix_ns(source_time_ns), status, now):
+            self._send(datagram)
         return self.freshness.told(topic, source_time_ns, status, now if arrived is None else arrived)
 
     def from_space(self, event: DriverEvent, *, now: float, wall_ticks: int, arrived: float | None = None) -> None:
@@ -207,10 +208,16 @@ class BridgeCore:
 
     def tell(self, topic: Topic, values: tuple[Any, ...], timestamp: int, status: int = 0, *, now: float) -> None:
         """Publish a message of an announced source. Its timestamp moves forward, if only by a tick."""
+        for datagram in self._encoded(topic, values, timestamp, status, now):
+            self._send(datagram)
+
+    def _encoded(
+        self, topic: Topic, values: tuple[Any, ...], timestamp: int, status: int, now: float
+    ) -> Iterable[bytes]:
         types = self._types.get(topic)
         if types is None:
             self.counters.drop(Drop.NO_METADATA)
-            return
+            return ()
         for value in values:
             if type(value) is Variant:  # a Bad field: its StatusCode in place of a value
                 types, values = _unwrapped(types, values)
@@ -220,10 +227,9 @@ class BridgeCore:
             datagrams = self._publisher.publish(topic, values, timestamp=timestamp, status=status, now=now, types=types)
         except LocalWireError:
             self.counters.drop(Drop.CONVERSION)
-            return
+            return ()
         self._read[topic] = timestamp
-        for datagram in datagrams:
-            self._send(datagram)
+        return datagrams
 
     def from_pubsub(self, datagram: bytes, *, now: float, sender: tuple[str, int] | None = None) -> None:
         """Take in a datagram, and where it came from."""

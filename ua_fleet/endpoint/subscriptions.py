@@ -234,14 +234,10 @@ class ClientSubscription:
         message.PublishTime = datetime.now(UTC)
         message.NotificationData = self._take() if self.enabled else []
         message.SequenceNumber = self._sequence  # pyright: ignore[reportAttributeAccessIssue]
-        more = self._has_news()
-        self._send(request, message, more)
-        return more
-
-    def _send(self, request: PublishRequest, message: ua.NotificationMessage, more: bool) -> None:
         if message.NotificationData:
             self._sequence = self._sequence % 0xFFFF_FFFF + 1
             self._keep(int(message.SequenceNumber), message)
+        more = self._has_news()
         result: Any = ua.PublishResult()
         result.SubscriptionId = self.id
         result.AvailableSequenceNumbers = self.unacknowledged
@@ -252,6 +248,7 @@ class ClientSubscription:
         response.Parameters = result
         if self.session is not None and self.session.link is not None:
             self.session.link.respond(response, request.handle, request.request_id)
+        return more
 
     def _keep(self, sequence: int, message: ua.NotificationMessage) -> None:
         """Keep a message until it is acknowledged, as far as there is room for its user's."""

@@ -99,7 +99,8 @@ class PacedSender(SealedSender):
         """Send a plain message, to all or to one address alone; what is large may go a little later."""
         is_large = len(datagram) > self._envelope.max_plain_bytes
         if not is_large and not self._queue:
-            super().send(datagram, address)
+            for part in self._sealed(datagram, address):
+                self._transport.send(part, address)
             return
         writers = _writers_of(datagram)
         if not writers or not (is_large or self._follows(writers)):

@@ -29,13 +29,17 @@ class SealedSender:
 
     def send(self, datagram: bytes, address: Address | None = None) -> None:
         """Send a plain message to all, or to one address alone; without a key it is dropped and counted."""
+        for part in self._sealed(datagram, address):
+            self._transport.send(part, address)
+
+    def _sealed(self, datagram: bytes, address: Address | None) -> list[bytes]:
+        """A message as it goes on the wire, which is told."""
         sealed = self._envelope.seal(datagram, self._clock())
         if sealed and self._sent is not None:
             self._sent(datagram, sum(map(len, sealed)))
         if sealed and self.watched is not None:
             self.watched(datagram, sealed, address)
-        for part in sealed:
-            self._transport.send(part, address)
+        return sealed
 
     def send_all(self, datagrams: Iterable[bytes]) -> None:
         """Send plain messages to all."""

@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
+from inspect import CO_VARARGS
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any, Final, Self
@@ -60,7 +61,8 @@ class Walk:
             return
         stack = self._stacks.setdefault(threading.get_ident(), [])
         if event == "call":
-            names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+            has_rest = bool(code.co_flags & CO_VARARGS)
+            names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount + has_rest]
             given = [frame.f_locals[name] for name in names if name != "self" and name in frame.f_locals]
             stack.append((code, any(self._has(each, _DEPTH) for each in given)))
             name = code.co_qualname

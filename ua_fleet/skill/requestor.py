@@ -233,7 +233,7 @@ class ActionRequestor:
         request = self._new(execution_id, target, types, values, timeout_s, utc, version)
         self._journal.requested(request)
         self._requests[execution_id] = request
-        return self._ask(request, now, now + request.timeout_ms / 1000)
+        return self._ask(request, now, now + request.timeout_ms / 1000, tuple(map(Variant, types, values)))
 
     def prepare(
         self,
@@ -373,9 +373,14 @@ class ActionRequestor:
         self._last_issued = max(utc, self._last_issued + 1)
         return RecordedRequest(execution_id, target, content, self._last_issued, timeout_ms, version=version)
 
-    def _ask(self, request: RecordedRequest, now: float, deadline: float) -> list[RequestorEffect]:
+    def _ask(
+        self, request: RecordedRequest, now: float, deadline: float, arguments: tuple[Variant, ...] | None = None
+    ) -> list[RequestorEffect]:
+        """Begin to ask; without its arguments a request is one of the journal, and has them packed."""
         give_up = deadline + self._pace.grace_s
-        exchange = _Exchange(_Phase.ASKING, deadline, give_up, now, unpack(request.content))
+        if arguments is None:
+            arguments = unpack(request.content)
+        exchange = _Exchange(_Phase.ASKING, deadline, give_up, now, arguments)
         self._exchanges[request.execution_id] = exchange
         return [self._say(request, exchange, now)]
 

@@ -35,7 +35,7 @@ from ua_fleet.skill.journal import RecordedExecution, RecordedRequest, Requestor
 from ua_fleet.skill.requestor import ActionRequestor, Contradicted, OutcomeCorrected, RequestorEffect, RequestPace, Send
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import BuiltinType, StatusCode
-from ua_fleet.wire.actions import ActionMessage, encode_action
+from ua_fleet.wire.actions import encode_action
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
 __all__ = ["REQUESTOR_INSTANCE", "SkillCommands"]
@@ -301,7 +301,8 @@ class SkillCommands:
     def _do(self, effects: Iterable[RequestorEffect]) -> None:
         for effect in effects:
             if isinstance(effect, Send):
-                self._say(effect.message)
+                if self._is_settled():
+                    self._send(encode_action(effect.message))
             elif isinstance(effect, Contradicted):
                 self.outcomes["contradicted"] += 1
                 self._log.error(
@@ -316,13 +317,13 @@ class SkillCommands:
                 self.outcomes[effect.outcome.kind] += 1
                 self._tell(effect.execution_id, effect.outcome)
 
-    def _say(self, message: ActionMessage) -> None:
-        """Send a message once all that it depends on is on the disk; one that has to stay is lost, as any may be."""
+    def _is_settled(self) -> bool:
+        """Whether all that a message depends on is on the disk now; one that has to stay is lost, as any may be."""
         try:
             self._journal.settle()
         except StorageUnavailable:
-            return  # whoever records next says so
-        self._send(encode_action(message))
+            return False  # whoever records next says so
+        return True
 
     def _tell(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         what, asked = self._controls.pop(execution_id, ("", ""))

@@ -96,7 +96,9 @@ class RecordedWorld(World):
     def respond(self, request: ActionMessage) -> None:
         """The bridge says that the robot has begun, or that it never will since it was asked too late."""
         report = RUNNING if request.correlation_data in self.machines.told else TOO_LATE
-        response = answer(request, ActionState.DONE, report, None).message
+        self.receive(answer(request, ActionState.DONE, report, None).message)
+
+    def receive(self, response: ActionMessage) -> None:
         self.commands.receive(ActionReceived(response, ("192.0.2.1", 1), False), self.now)
 
     def end(self) -> None:

@@ -134,7 +134,7 @@ class World:
         self.robots = robots or Robots()
         self.journal = FailingJournal(folder / "runs.db") if journal is None else journal
         self.said: list[Output] = []
-        self.now = 100.0
+        self.now: float = 100.0
         self.mistakes = Mistakes()
         self.faulted: dict[str, bool] = {}
         """Whether the faults of robots take away all that they can do, as it was told last."""

@@ -94,7 +94,7 @@ async def test_robots_are_busy_while_they_do_something(hall: Hall) -> None:
     hall.bridge()
     async with hall.server() as running, running.client() as client:
         state = reader(client, "ns=2;s=Robots.machine.State")
-        await started(client, WORK, "weld", 0.6)
+        await started(client, WORK, "weld", 3.0)
         await until(state, lambda value: value.Value.Value == 2)
         await until(state, lambda value: value.Value.Value == 1)
 

@@ -29,12 +29,12 @@ def _with_criteria(plant: Plant) -> None:
     for number, robot in enumerate(ROBOTS):
         raw["robots"][robot].setdefault("data", {}).update(
             battery={"id": 1310 + number, "type": "Double", "origin": "server", "initial": 30.0 + 20 * number},
-            load={"id": 1320 + number, "type": "Double", "origin": "server", "initial": 1.0 + 4 * number},
+            load={"id": 1320 + number, "type": "Double", "origin": "server", "initial": 1.0 + 4 * number, "unit": "kg"},
         )
     raw["resilience"] |= {
         "criteria": {
             "battery": {"kind": "benefit", "range": [0, 100], "value": "battery", "unit": "%"},
-            "load": {"kind": "cost", "range": [0, 10], "value": "load", "unit": "kg"},
+            "load": {"kind": "cost", "range": [0, 10], "value": "load"},
         },
         "judgements": {"battery": {"load": 1}},
     }
@@ -84,6 +84,9 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     ask(page, "fault.raise", robot="left", reason="the welding tip is worn")
     expect(page.get_by_role("heading", name="a, instead of left")).to_be_visible()
     expect(ranked(page)).to_have_text(["middle", "right"])
+    # One unit is the criterion's own, the other one that of the robots' values.
+    best = page.get_by_role("region", name="Ranking").locator("tbody tr").first
+    expect(best).to_contain_text(re.compile(r"50\s+%\s*worth .*5\s+kg\s*worth ", re.DOTALL))
     observer = open_page("observer", PLACE)
     expect(observer.get_by_role("button", name="Choose right")).to_be_disabled()
 

@@ -44,7 +44,7 @@ class CriterionConfig(
     """Least and greatest value to be expected; a cost below 1 % of it counts as 1 %. A value that is more than 1,000
     times as great as its greater end counts as not known."""
     unit: str = ""
-    """Unit as shown to people."""
+    """Unit as shown to people. Left out: that of the values that it is made of, if all of them have the same."""
     value: FieldPath | None = None
     """A robot's value, e.g. `battery.percentage`."""
     distance: DistanceConfig | None = None

@@ -28,6 +28,7 @@ from ua_fleet.console.failures import OperationRefused, invalid_parameters, refu
 from ua_fleet.console.link import FleetLink
 from ua_fleet.console.live import PageSocket
 from ua_fleet.console.operations import OPERATIONS
+from ua_fleet.console.operations.kinds import Bytes
 from ua_fleet.console.origins import RequestOrigin, TrustedProxies, is_allowed_host, is_own_origin
 from ua_fleet.console.page import SECURITY_HEADERS, Page
 from ua_fleet.console.people import People
@@ -221,7 +222,7 @@ class ConsoleApp:
             self._at_once[who] -= 1
             if not self._at_once[who]:
                 del self._at_once[who]
-        return _json({"result": result})
+        return _framed(result) if isinstance(result, Bytes) else _json({"result": result})
 
     async def _serve(self, socket: WebSocket, kind: type[PageSocket | DriveSocket]) -> None:
         seen: RequestOrigin = socket.scope[_SEEN]
@@ -291,6 +292,13 @@ class ConsoleApp:
 
 def _json(value: Any, status: int = 200) -> Response:
     return Response(encoded(value), status, {"cache-control": "no-store"}, "application/json")
+
+
+def _framed(result: Bytes) -> Response:
+    """The length of the head as four bytes, the highest first; the head as JSON; the bytes."""
+    head = encoded(result.head).encode()
+    body = b"".join((len(head).to_bytes(4, "big"), head, result.content))
+    return Response(body, 200, {"cache-control": "no-store"}, "application/octet-stream")
 
 
 class _Guarded:

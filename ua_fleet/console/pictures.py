@@ -1,4 +1,8 @@
-"""Pictures in ByteStrings, as cameras tell them (`sensor_msgs/CompressedImage`): known by their first bytes."""
+"""Pictures in ByteStrings, as cameras tell them.
+
+`sensor_msgs/CompressedImage` is known by its first bytes. Of `sensor_msgs/Image` the other fields say how its bytes are
+to be read; the page does that, so that a camera costs the console no more than the bytes themselves.
+"""
 
 from __future__ import annotations
 

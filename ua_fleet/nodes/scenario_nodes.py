@@ -164,12 +164,14 @@ class ScenarioNodes:
         """How replacements are chosen."""
         weights = settings.weights()
         judgements = settings.judgements
+        units = {criterion.name: criterion.unit for criterion, _ in settings.criteria}
         values = {
             "Mode": Variant(_TEXT, settings.mode.value),
             "Limit": Variant(_NUMBER, settings.limit_s * 1000),
             "OnLimit": Variant(_TEXT, settings.on_limit.value),
             "Synthesis": Variant(_TEXT, settings.synthesis.value),
             "Criteria": Variant(_TEXTS, tuple(weights.names)),
+            "Units": Variant(_TEXTS, tuple([units[name] for name in weights.names])),
             "Weights": Variant(_NUMBERS, tuple(weights.weights)),
             "ConsistencyRatio": Variant(_NUMBER, float(weights.consistency_ratio)),
             "JudgementNames": Variant(_TEXTS, tuple([f"{one}/{other}" for one, other in judgements])),

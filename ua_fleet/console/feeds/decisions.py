@@ -24,7 +24,7 @@ _RANKING: Final = (
     "ConsistencyRatio",
 )
 _SETTINGS: Final = (
-    *("Mode", "Limit", "OnLimit", "Synthesis", "Criteria", "Weights", "ConsistencyRatio"),
+    *("Mode", "Limit", "OnLimit", "Synthesis", "Criteria", "Units", "Weights", "ConsistencyRatio"),
     *("JudgementNames", "JudgementValues"),
 )
 _FEW: Final = 5
@@ -101,8 +101,10 @@ def _settings(_key: str, parts: Mapping[str, Reading]) -> dict[str, Any]:
         "synthesis": told["Synthesis"],
         "ratio": shown_value(told["ConsistencyRatio"]),
         "criteria": [
-            {"name": harmless_value(name), "weight": shown_value(weight)}
-            for name, weight in zip(told["Criteria"] or (), told["Weights"] or (), strict=False)
+            {"name": harmless_value(name), "weight": shown_value(weight), "unit": harmless_value(unit)}
+            for name, weight, unit in zip(
+                *(told[part] or () for part in ("Criteria", "Weights", "Units")), strict=False
+            )
         ],
         "judgements": {
             harmless_value(pair): shown_value(value)

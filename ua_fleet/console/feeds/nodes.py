@@ -47,7 +47,7 @@ async def _run(client: FleetClient, parameters: OfNodes, board: Board) -> None:
         missing = set(given)
         if not missing:
             board.ready()
-        async for reading in client.watch(list(given), with_times=True):
+        async for reading in client.watch(list(given), with_times=True, newest_only=True):
             for node in given[reading.node_id]:
                 board.put(node, _shown(reading))
             missing.discard(reading.node_id)

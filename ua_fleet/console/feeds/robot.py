@@ -197,7 +197,9 @@ async def _run(client: FleetClient, parameters: RobotFeedParameters, board: Boar
     async def show(robot: RobotNodes) -> None:
         shown = _Shown(robot, board)
         shown.describe()
-        async with aclosing(client.watch(shown.watched, period_ms=100, with_times=True)) as changes:
+        # A page is told the newest alone: pictures of a camera that come between two publications stay in the server.
+        watched = client.watch(shown.watched, period_ms=100, with_times=True, newest_only=True)
+        async with aclosing(watched) as changes:
             async for reading in changes:
                 shown.take(reading)
 

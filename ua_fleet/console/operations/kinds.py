@@ -10,13 +10,22 @@ from pydantic import BaseModel, ConfigDict
 
 from ua_fleet.client import FleetClient
 
-__all__ = ["OperationKind", "OperationParameters"]
+__all__ = ["Bytes", "OperationKind", "OperationParameters"]
 
 
 class OperationParameters(BaseModel):
     """What a page says of what it wants done; an unknown key is an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Bytes:
+    """An answer that is bytes, which no browser has to read as JSON, behind what is said of them."""
+
+    head: dict[str, Any]
+    """What JSON can hold."""
+    content: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +36,7 @@ class OperationKind:
     """`subject.verb`."""
     parameters: type[OperationParameters]
     run: Callable[[FleetClient, Any], Awaitable[Any]]
-    """Its result is what JSON can hold."""
+    """Its result is what JSON can hold, or Bytes."""
     method: str
     """What the server is asked for, as it is named where rights are missing."""
     role: str

@@ -2,23 +2,41 @@
 
 from __future__ import annotations
 
-import base64
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 from pydantic import Field
 
 from ua_fleet.client import FleetClient
-from ua_fleet.console.operations.kinds import OperationKind, OperationParameters
+from ua_fleet.console.operations.kinds import Bytes, OperationKind, OperationParameters
 from ua_fleet.console.pictures import MOST_BYTES, picture_type
 from ua_fleet.console.shown import harmless_value, shown_reading, shown_time, shown_value
 
 __all__ = ["NODE_OPERATIONS"]
 
 
+Address = Annotated[str, Field(min_length=1, max_length=4096)]
+
+
 class OfNode(OperationParameters):
     """A node by its NodeId, e.g. `ns=2;i=1001`, or by its path."""
 
-    node: str = Field(min_length=1, max_length=4096)
+    node: Address
+
+
+class RawFields(OperationParameters):
+    """The fields of a `sensor_msgs/Image` that say how its bytes are to be read, as nodes."""
+
+    encoding: Address
+    width: Address
+    height: Address
+    step: Address
+    is_bigendian: Address | None = None
+
+
+class OfPicture(OfNode):
+    """A ByteString, and `raw` where it has the points of a picture as they are."""
+
+    raw: RawFields | None = None
 
 
 class Written(OfNode):
@@ -53,17 +71,17 @@ async def _read(client: FleetClient, asked: OfNode) -> dict[str, Any]:
     }
 
 
-async def _picture(client: FleetClient, asked: OfNode) -> dict[str, Any]:
-    """The picture that a ByteString is; `type` is null where it is none, or larger than what is shown."""
-    reading = await client.read(asked.node)
-    content = reading.exact if isinstance(reading.exact, bytes) else b""
-    kind = picture_type(content) if len(content) <= MOST_BYTES else None
-    return {
-        "type": kind,
-        "base64": base64.b64encode(content).decode("ascii") if kind else "",
-        "s": reading.status,
-        "t": shown_time(reading.source_time),
-    }
+async def _picture(client: FleetClient, asked: OfPicture) -> Bytes:
+    """The picture that a ByteString is; `type` is null where it is none, and nothing follows one that is too large."""
+    fields: dict[str, str] = asked.raw.model_dump(exclude_none=True) if asked.raw else {}
+    # In one request: what a camera tells next does not come between.
+    picture, *others = await client.read([asked.node, *fields.values()])
+    content = picture.exact if isinstance(picture.exact, bytes) else b""
+    worst = max((picture, *others), key=lambda reading: reading.status >> 30)
+    head = {"bytes": len(content), "s": worst.status, "t": shown_time(picture.source_time)}
+    told = {name: shown_value(reading.exact) for name, reading in zip(fields, others, strict=True)}
+    kind = "raw" if fields else picture_type(content)
+    return Bytes({**head, **told, "type": kind}, content if kind and len(content) <= MOST_BYTES else b"")
 
 
 async def _write(client: FleetClient, asked: Written) -> dict[str, Any]:
@@ -80,7 +98,7 @@ async def _attributes(client: FleetClient, asked: OfNode) -> list[dict[str, Any]
 NODE_OPERATIONS: Final = (
     OperationKind("node.browse", OfNode, _browse, "Browse", "observer"),
     OperationKind("node.read", OfNode, _read, "Read", "observer"),
-    OperationKind("node.picture", OfNode, _picture, "Read", "observer"),
+    OperationKind("node.picture", OfPicture, _picture, "Read", "observer"),
     OperationKind("node.attributes", OfNode, _attributes, "Read", "observer"),
     OperationKind("node.write", Written, _write, "Write of this node", "operator"),
 )

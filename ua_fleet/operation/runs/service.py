@@ -16,6 +16,7 @@ from math import inf
 from pathlib import Path
 from typing import Final
 
+from ua_fleet.config.criterion_units import settings_with_units
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ScenarioError, StorageUnavailable
 from ua_fleet.fleet.capacities import Capacities
@@ -128,7 +129,7 @@ class ScenarioService:
         self.fleet = fleet_view(model.robots, self._values.meanings, capacities)
         self.library = Library(folder)
         self._finder = FaultFinder(model, config.resilience.rules(), self._named_first)
-        self._settings = KeptSettings(config.resilience.settings(), journal, log)
+        self._settings = KeptSettings(settings_with_units(config), journal, log)
         self._judgements = DecisionJudgements(journal, log)
         self._tasks = TaskRequests(
             self._robots,

@@ -34,7 +34,9 @@ export function setCsrf(token: string): void {
 
 export const csrfToken = () => csrf;
 
-async function ask<T>(path: string, init: RequestInit): Promise<T> {
+const json = (answer: Response): Promise<unknown> => answer.json();
+
+async function ask<T>(path: string, init: RequestInit, read = json): Promise<T> {
   let answer: Response;
   try {
     answer = await fetch(path, { ...init, credentials: 'same-origin', signal: AbortSignal.timeout(TIMEOUT_MS) });
@@ -44,7 +46,7 @@ async function ask<T>(path: string, init: RequestInit): Promise<T> {
   }
   let body: unknown = null;
   try {
-    body = await answer.json();
+    body = await (answer.ok ? read : json)(answer);
   } catch {
     if (answer.ok) throw new RequestError(answer.status, { message: t('errors.no_json', { code: answer.status }) });
   }
@@ -60,10 +62,10 @@ async function ask<T>(path: string, init: RequestInit): Promise<T> {
   throw error;
 }
 
-function post<T>(path: string, body: unknown): Promise<T> {
+function post<T>(path: string, body: unknown, read = json): Promise<T> {
   const headers: Record<string, string> = { 'Content-Type': 'application/json' };
   if (csrf) headers['X-CSRF'] = csrf;
-  return ask<T>(path, { method: 'POST', headers, body: JSON.stringify(body) });
+  return ask<T>(path, { method: 'POST', headers, body: JSON.stringify(body) }, read);
 }
 
 /** Do an operation at a fleet, as `operation('hall', 'robots.hold', {robot: 'arm', reason: '…'})`. */
@@ -71,6 +73,23 @@ export async function operation<T = Json>(fleet: string, name: string, parameter
   const { result } = await post<{ result: T }>(`api/${encodeURIComponent(fleet)}/${name}`, parameters);
   return result;
 }
+
+/** What some operations answer: bytes, and before them what is said of them. */
+export interface Framed<Head> {
+  head: Head;
+  bytes: Uint8Array<ArrayBuffer>;
+}
+
+async function framed(answer: Response): Promise<unknown> {
+  const body = await answer.arrayBuffer();
+  const length = new DataView(body).getUint32(0);
+  const head: unknown = JSON.parse(new TextDecoder().decode(new Uint8Array(body, 4, length)));
+  return { head, bytes: new Uint8Array(body, 4 + length) };
+}
+
+/** Do an operation whose answer is bytes. */
+export const operationBytes = <Head>(fleet: string, name: string, parameters: object) =>
+  post<Framed<Head>>(`api/${encodeURIComponent(fleet)}/${name}`, parameters, framed);
 
 export const getFleets = () => ask<Fleets>('api/fleets', {});
 

@@ -1,5 +1,13 @@
 import { expect, it } from 'vitest';
-import { type ListedDecision, type Ranking, partsOf, percent, sortedDecisions } from './decisions';
+import {
+  type ListedDecision,
+  type Ranking,
+  type Settings,
+  partsOf,
+  percent,
+  sortedDecisions,
+  unitsOf,
+} from './decisions';
 
 const RANKING: Ranking = {
   criteria: [
@@ -41,4 +49,13 @@ it('puts open decisions first, then the newest', () => {
   const sorted = sortedDecisions([of('9', 'taken'), of('10', 'taken'), of('3', 'open')]);
   expect(sorted.map((one) => one.id)).toEqual(['3', '10', '9']);
   expect(percent(0.1234)).toBe('12.3 %');
+});
+
+it('knows the units of the criteria that there are', () => {
+  const criteria = [
+    { name: 'battery', weight: 0.75, unit: '%' },
+    { name: 'availability', weight: 0.25, unit: '' },
+  ];
+  expect(unitsOf({ criteria } as Settings)).toEqual({ battery: '%', availability: '' });
+  expect(unitsOf(undefined)).toEqual({});
 });

@@ -36,7 +36,7 @@ export interface Settings {
   on_limit: string;
   synthesis: string;
   ratio: Json;
-  criteria: { name: string; weight: Json }[];
+  criteria: { name: string; weight: Json; unit: string }[];
   judgements: Record<string, number>;
 }
 
@@ -75,5 +75,9 @@ export function partsOf(ranking: Ranking, at: number): { name: string; part: num
     missing: robot?.values[index]?.missing ?? '',
   }));
 }
+
+/** Units of the criteria by their names; of one that the fleet does not have any more nobody knows it. */
+export const unitsOf = (settings: Settings | undefined): Readonly<Record<string, string>> =>
+  Object.fromEntries((settings?.criteria ?? []).map((one) => [one.name, one.unit]));
 
 export const percent = (value: Json) => `${(100 * number(value)).toFixed(1)} %`;

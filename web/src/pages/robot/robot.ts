@@ -173,6 +173,36 @@ export function isBytes(value: Json): boolean {
   return typeof value === 'object' && value !== null && !Array.isArray(value) && typeof value.bytes === 'number';
 }
 
+/** NodeIds of what says how the bytes of a picture are to be read. */
+export interface RawFields {
+  encoding: string;
+  width: string;
+  height: string;
+  step: string;
+  is_bigendian?: string;
+}
+
+/** The fields beside a ByteString by which its bytes are the points of a `sensor_msgs/Image`; null: they are none. */
+export function rawFieldsOf(entries: ReadonlyMap<string, unknown>, about: DataNode): RawFields | null {
+  const above = about.path.slice(0, -1);
+  const beside: Record<string, string> = {};
+  for (const [key, entry] of entries) {
+    if (!key.startsWith('data/')) continue;
+    const { path, folder } = entry as DataNode;
+    if (folder !== about.folder || path.length !== about.path.length || !above.every((part, at) => part === path[at]))
+      continue;
+    beside[path.at(-1) ?? ''] = key.slice('data/'.length);
+  }
+  const { encoding, width, height, step, is_bigendian } = beside;
+  if (!encoding || !width || !height || !step) return null;
+  return { encoding, width, height, step, ...(is_bigendian ? { is_bigendian } : {}) };
+}
+
+/** What a picture is called: one of a message is its `data`, so it has the name of the message. */
+export function pictureName(about: DataNode, name: string): string {
+  return (name === 'data' && about.path.at(-2)) || name;
+}
+
 /** Whether a value has parts that want lines of their own. */
 export function hasParts(value: Json): boolean {
   return typeof value === 'object' && value !== null && leavesOf(value, 2).length > 1;

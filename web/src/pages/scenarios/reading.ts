@@ -1,4 +1,5 @@
 /** What is read of a scenario's text beside its editor: a long one takes longer than a key may, so a worker does it. */
+import type { Answer } from '../../lib/worker';
 import { type Block, type Blocks, blocksOf, type List } from './document';
 import { type Fields, fieldsOf } from './fields';
 
@@ -14,12 +15,12 @@ export interface Question<Name extends ReadName = ReadName> {
   given: Parameters<Reading[Name]>;
 }
 
-export type Answer = { id: number } & ({ found: Blocks | Fields | null } | { failed: string });
+type Found = Blocks | Fields | null;
 
 /** The answer to a question; what is thrown is an answer too. */
-export function answered({ id, name, given }: Question): Answer {
+export function answered({ id, name, given }: Question): Answer<Found> {
   try {
-    return { id, found: (READING[name] as (...all: string[]) => Blocks | Fields | null)(...given) };
+    return { id, found: (READING[name] as (...all: string[]) => Found)(...given) };
   } catch (error) {
     return { id, failed: String(error) };
   }

@@ -102,7 +102,9 @@ async def record(url: str, seconds: float) -> Recording:
             while (at := time.monotonic() - start) < seconds:
                 message = await live.step()
                 for name, change in message["feeds"].items():
-                    told.append(Told(at, name, False, change.get("set", {}), change.get("gone", [])))
+                    keys = (*change.get("set", ()), *change.get("part", ()))
+                    values = {key: live.feeds[name][key] for key in keys}
+                    told.append(Told(at, name, False, values, change.get("gone", [])))
         finally:
             troubling.cancel()
             await asyncio.wait([troubling])

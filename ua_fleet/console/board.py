@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from typing import Any, Final, Protocol
+from collections.abc import Iterator, Mapping
+from typing import Any, Final, Protocol, cast
 
 __all__ = ["MOST_KEYS", "Board", "BoardListener", "encoded"]
 
@@ -15,8 +15,14 @@ MOST_KEYS: Final = 20_000
 class BoardListener(Protocol):
     """Who is told what has changed on a board."""
 
-    def changed(self, key: str) -> None:
-        """A value was set, or is gone."""
+    def changed(self, key: str, part: str | None) -> None:
+        """A value was set, or is gone.
+
+        Args:
+            key: of the value.
+            part: what of a JSON object is another than before, encoded, while all else is the same. None: it is gone,
+                or it is told whole.
+        """
 
     def replaced(self) -> None:
         """The whole map is another."""
@@ -25,9 +31,30 @@ class BoardListener(Protocol):
         """The feed has an error, or has none any more."""
 
 
+_ENCODER: Final = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+
+
 def encoded(value: Any) -> str:
     """A value as JSON; what no JSON can hold is a mistake of ours, and raises ValueError."""
-    return json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return _ENCODER.encode(value)
+
+
+def _fields(value: Any) -> Mapping[str, str] | None:
+    """The members of what is a JSON object, each encoded; None: it is none."""
+    if not isinstance(value, dict) or not all(isinstance(name, str) for name in cast("dict[Any, Any]", value)):
+        return None
+    return {name: encoded(one) for name, one in cast("dict[str, Any]", value).items()}
+
+
+def _object(fields: Mapping[str, str]) -> str:
+    return f"{{{','.join([f'{encoded(name)}:{text}' for name, text in fields.items()])}}}"
+
+
+def _part(before: Mapping[str, str] | None, now: Mapping[str, str] | None) -> str | None:
+    """The members that have changed; None where others are there, for a part takes none away."""
+    if before is None or now is None or before.keys() != now.keys():
+        return None
+    return _object({name: text for name, text in now.items() if before[name] != text})
 
 
 class Board:
@@ -35,6 +62,8 @@ class Board:
 
     def __init__(self, most_keys: int = MOST_KEYS) -> None:
         self._texts: dict[str, str] = {}
+        self._fields: dict[str, Mapping[str, str]] = {}
+        """The members of those values that are JSON objects."""
         self._listeners: list[BoardListener] = []
         self._most = most_keys
         self.is_ready = False
@@ -69,7 +98,8 @@ class Board:
 
     def put(self, key: str, value: Any) -> None:
         """Set the value of a key; nothing happens where it has this value."""
-        text = encoded(value)
+        fields = _fields(value)
+        text = encoded(value) if fields is None else _object(fields)
         before = self._texts.get(key)
         if before == text:
             return
@@ -77,12 +107,16 @@ class Board:
             self.too_many += 1
             return
         self._texts[key] = text
-        self._tell(key)
+        part = _part(self._fields.pop(key, None), fields)
+        if fields is not None:
+            self._fields[key] = fields
+        self._tell(key, part)
 
     def gone(self, key: str) -> None:
         """Remove a key."""
         if self._texts.pop(key, None) is not None:
-            self._tell(key)
+            self._fields.pop(key, None)
+            self._tell(key, None)
 
     def keep(self, keys: set[str]) -> None:
         """Remove all other keys."""
@@ -92,6 +126,7 @@ class Board:
     def restart(self) -> None:
         """Begin anew: what is shown stays until the new map is whole."""
         self._texts = {}
+        self._fields = {}
         self.is_ready = False
 
     def ready(self) -> None:
@@ -115,7 +150,7 @@ class Board:
             for listener in self._listeners:
                 listener.failed()
 
-    def _tell(self, key: str) -> None:
+    def _tell(self, key: str, part: str | None) -> None:
         if self.is_ready:
             for listener in self._listeners:
-                listener.changed(key)
+                listener.changed(key, part)

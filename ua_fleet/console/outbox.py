@@ -6,6 +6,7 @@ at the moment at which it goes. Time is an argument, in seconds of a clock that 
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable
 from typing import Any, Final
@@ -17,9 +18,9 @@ __all__ = ["LEAST_INTERVAL_S", "MOST_CHARACTERS", "MOST_INTERVAL_S", "PageOutbox
 LEAST_INTERVAL_S: Final = 0.05
 MOST_INTERVAL_S: Final = 5.0
 """A browser that confirms is told something at least so often: silence for longer tells it that the link is gone."""
-MOST_CHARACTERS: Final = 65_536
+MOST_CHARACTERS: Final = 16_384
 """Of a feed in a message, about, unless it is told whole: a page that had all robots at once would stand still for it.
-What waits for longest goes first, and the rest with the next message."""
+300 of them have room if only their times changed. What waits for longest goes first, the rest with the next message."""
 _SLACK: Final = 1000
 
 
@@ -29,7 +30,8 @@ class _Watched:
     def __init__(self, board: Board, waits: Callable[[], None], most_characters: int) -> None:
         self.board, self._waits, self._most_characters = board, waits, most_characters
         self.whole = board.is_ready
-        self.keys: dict[str, None] = {}
+        self.keys: dict[str, str | None] = {}
+        """Those that wait: what has changed of one that the browser has as it was before, or None: it is told whole."""
         self.has_failed = bool(board.error)
         board.attach(self)
 
@@ -37,10 +39,10 @@ class _Watched:
     def is_waiting(self) -> bool:
         return self.whole or bool(self.keys) or self.has_failed
 
-    def changed(self, key: str) -> None:
+    def changed(self, key: str, part: str | None) -> None:
         if self.whole:
             return
-        self.keys[key] = None
+        self.keys[key] = None if key in self.keys else part
         if len(self.keys) > 2 * len(self.board) + _SLACK:  # keys that came and went
             self.replaced()
         self._waits()
@@ -65,29 +67,30 @@ class _Watched:
             self.keys.clear()
             parts += ['"whole":true', f'"set":{{{",".join(_pair(key, text) for key, text in board.items())}}}']
         elif self.keys:
-            there = self._longest_waiting()
-            set_ = ",".join(_pair(key, text) for key, text in there if text is not None)
-            gone = ",".join(json.dumps(key, ensure_ascii=False) for key, text in there if text is None)
-            parts += [f'"set":{{{set_}}}'] if set_ else []
-            parts += [f'"gone":[{gone}]'] if gone else []
+            parts += self._longest_waiting()
         if self.has_failed:
             self.has_failed = False
             parts.append(f'"error":{board.error or "null"}')
         return f"{{{','.join(parts)}}}"
 
-    def _longest_waiting(self) -> list[tuple[str, str | None]]:
-        """As many of the keys as a message may have, with their values."""
-        found: list[tuple[str, str | None]] = []
+    def _longest_waiting(self) -> list[str]:
+        """As many of the keys as a message may have, with what is told of them."""
+        set_, part, gone = list[str](), list[str](), list[str]()
         characters = 0
-        for key in self.keys:
-            text = self.board.get(key)
-            found.append((key, text))
+        for key, changed in self.keys.items():
+            text = changed or self.board.get(key)
+            if text is None:
+                gone.append(json.dumps(key, ensure_ascii=False))
+            else:
+                (set_ if changed is None else part).append(_pair(key, text))
             characters += len(key) + len(text or "")
             if characters >= self._most_characters:
                 break
-        for key, _ in found:
+        told = len(set_) + len(part) + len(gone)
+        for key in list(itertools.islice(self.keys, told)):
             del self.keys[key]
-        return found
+        told_by = (("set", "{", set_, "}"), ("part", "{", part, "}"), ("gone", "[", gone, "]"))
+        return [f'"{name}":{opens}{",".join(all_)}{closes}' for name, opens, all_, closes in told_by if all_]
 
 
 def _pair(key: str, text: str) -> str:

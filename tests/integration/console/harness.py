@@ -105,6 +105,8 @@ class Live:
                 self.errors[name] = told["error"]
             if "set" in told:
                 self.feeds[name].update(told["set"])
+            for key, part in told.get("part", {}).items():
+                self.feeds[name][key] = self.feeds[name][key] | part
             for key in told.get("gone", ()):
                 self.feeds[name].pop(key, None)  # it may have come and gone meanwhile
         if confirm:

@@ -24,7 +24,7 @@ class _Count:
         self.rows = Board()
         self.rows.attach(self)
 
-    def changed(self, key: str) -> None:
+    def changed(self, key: str, part: str | None) -> None:
         """A row has come or gone."""
         self.replaced()
 

@@ -6,4 +6,5 @@ export function applyChange(entries: Map<string, Json>, change: FeedChange): voi
   if (change.whole) entries.clear();
   for (const key of change.gone ?? []) entries.delete(key);
   for (const key in change.set) entries.set(key, change.set[key] as Json);
+  for (const key in change.part) entries.set(key, { ...(entries.get(key) as object), ...change.part[key] });
 }

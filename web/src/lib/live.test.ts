@@ -18,6 +18,18 @@ describe('the map of a feed', () => {
     expect([...entries]).toEqual([['b', 4]]);
   });
 
+  it('makes an entry of what it was and what has changed of it', () => {
+    const entries = new Map<string, Json>();
+    const state = { v: 'idle', s: 0 };
+    applyChange(entries, { whole: true, set: { arm: { state, at: 1 } } });
+    const before = entries.get('arm');
+    applyChange(entries, { part: { arm: { at: 2 } } });
+    expect(entries.get('arm')).toEqual({ state, at: 2 });
+    // Another object, so that it is seen to have changed; what is the same in it is the same object.
+    expect(before).toEqual({ state, at: 1 });
+    expect((entries.get('arm') as { state: Json }).state).toBe(state);
+  });
+
   it('takes names that objects have of their own', () => {
     const entries = new Map<string, Json>();
     applyChange(entries, JSON.parse('{"set": {"__proto__": 1, "constructor": 2}}'));

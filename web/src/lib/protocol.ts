@@ -80,6 +80,8 @@ export interface FeedChange {
   /** The map begins anew with this message. */
   whole?: boolean;
   set?: Record<string, Json>;
+  /** Of entries that are objects: what is another one than before, while the rest of each is the same. */
+  part?: Record<string, { [name: string]: Json }>;
   gone?: string[];
   /** What is wrong with it, while the console tries again; null: over. */
   error?: ErrorBody | null;

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { ageOf, formatAge, formatTime } from './time';
+import { ageOf, formatAge, formatTime, LISTED_NOW_S } from './time';
 
 describe('an age', () => {
   it.each([
@@ -14,6 +14,12 @@ describe('an age', () => {
     [200000, '2 d'],
   ])('of %d s is %s', (seconds, text) => expect(formatAge(seconds)).toBe(text));
 
+  it('of a robot in a list is now while it tells something each second', () => {
+    expect(formatAge(4.9, LISTED_NOW_S)).toBe('now');
+    expect(formatAge(5, LISTED_NOW_S)).toBe('5 s');
+    expect(formatAge(-10, LISTED_NOW_S)).toBe('in 10 s');
+  });
+
   it('is that of a time', () => {
     expect(ageOf('2026-11-23T22:00:00Z', Date.UTC(2026, 10, 23, 22, 0, 8))).toBe(8);
     expect(ageOf(null, 0)).toBeNull();
@@ -27,5 +33,11 @@ describe('a time', () => {
     expect(formatTime(new Date(2026, 10, 23, 9, 5, 7, 40).toISOString(), now, true)).toBe('09:05:07.040');
     expect(formatTime(new Date(2026, 10, 22, 9, 5, 7).toISOString(), now)).toBe('2026-11-22 09:05:07');
     expect(formatTime('x', now)).toBe('—');
+    // The first and the last moment of a day, asked for on that day and on the next.
+    const [first, last] = [new Date(2026, 10, 22, 0, 0, 0), new Date(2026, 10, 22, 23, 59, 59, 999)];
+    expect(formatTime(first.toISOString(), last.getTime())).toBe('00:00:00');
+    expect(formatTime(last.toISOString(), first.getTime())).toBe('23:59:59');
+    expect(formatTime(last.toISOString(), last.getTime() + 1)).toBe('2026-11-22 23:59:59');
+    expect(formatTime(new Date(last.getTime() + 1).toISOString(), last.getTime())).toBe('2026-11-23 00:00:00');
   });
 });

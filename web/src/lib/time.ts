@@ -2,11 +2,18 @@
 
 export const NOW_S = 3;
 
+/**
+ * Of a robot in a list. Its time comes by a summary: each of them moves once a second at most, so one that tells
+ * something each second is 1 to 4 s old there, and would be `now` and `3 s ago` in turn. One that lives tells something
+ * each 5 s; whether it is silent says its quality.
+ */
+export const LISTED_NOW_S = 5;
+
 /** How long ago in the fewest signs that mean something: `now`, `8 s`, `3 min`, `2 h`, `5 d`. */
-export function formatAge(seconds: number): string {
+export function formatAge(seconds: number, now_s = NOW_S): string {
   // Clocks of robots differ a little: a value of the near future is one of now. So is what comes once a second: its age
   // would be another one at each look, and a source is silent after 3 s.
-  if (seconds < NOW_S) return seconds < -2 ? `in ${formatDuration(-seconds)}` : 'now';
+  if (seconds < now_s) return seconds < -2 ? `in ${formatDuration(-seconds)}` : 'now';
   return formatDuration(seconds);
 }
 
@@ -26,6 +33,17 @@ export function ageOf(time: string | null | undefined, nowMs: number): number | 
   return Number.isNaN(at) ? null : (nowMs - at) / 1000;
 }
 
+let day = { from: 0, to: 0 };
+
+/** Whether two times are of one day here; asked for of many times and the same `nowMs`. */
+function isSameDay(at: number, nowMs: number): boolean {
+  if (nowMs < day.from || nowMs >= day.to) {
+    const [year, month, date] = [new Date(nowMs).getFullYear(), new Date(nowMs).getMonth(), new Date(nowMs).getDate()];
+    day = { from: new Date(year, month, date).getTime(), to: new Date(year, month, date + 1).getTime() };
+  }
+  return at >= day.from && at < day.to;
+}
+
 const pad = (value: number, width = 2) => String(value).padStart(width, '0');
 
 /** The time of day here, with the date where it is not today's; milliseconds only when asked for. */
@@ -33,9 +51,8 @@ export function formatTime(time: string | null | undefined, nowMs: number, milli
   if (!time) return '—';
   const at = new Date(time);
   if (Number.isNaN(at.getTime())) return '—';
-  const now = new Date(nowMs);
   const clock = `${pad(at.getHours())}:${pad(at.getMinutes())}:${pad(at.getSeconds())}`;
   const exact = milliseconds ? `${clock}.${pad(at.getMilliseconds(), 3)}` : clock;
-  if (at.toDateString() === now.toDateString()) return exact;
+  if (isSameDay(at.getTime(), nowMs)) return exact;
   return `${at.getFullYear()}-${pad(at.getMonth() + 1)}-${pad(at.getDate())} ${exact}`;
 }

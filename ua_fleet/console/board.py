@@ -41,9 +41,11 @@ def encoded(value: Any) -> str:
 
 def _fields(value: Any) -> Mapping[str, str] | None:
     """The members of what is a JSON object, each encoded; None: it is none."""
-    if not isinstance(value, dict) or not all(isinstance(name, str) for name in cast("dict[Any, Any]", value)):
+    if not isinstance(value, dict):
         return None
-    return {name: encoded(one) for name, one in cast("dict[str, Any]", value).items()}
+    members = cast("dict[object, Any]", value)
+    fields = {name: encoded(one) for name, one in members.items() if isinstance(name, str)}
+    return fields if len(fields) == len(members) else None
 
 
 def _object(fields: Mapping[str, str]) -> str:

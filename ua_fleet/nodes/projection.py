@@ -2,8 +2,9 @@
 
 A turn of the server writes `BATCH` values. What a turn has to write beyond that (a bridge that falls silent with ten
 thousand values, a message with as many fields) waits for the next turns, one value for each node. A value that need not
-be written (`can_wait`) gives way to the next one of its node; any other one is written before that. Events and changes
-of nodes wait for nothing: what waits is written before them, so that nothing overtakes.
+be written (`can_wait`) gives way to the next one of its node; any other one is written before that. Events are told
+behind the values that wait, so that they overtake none; a fault of each robot, in a flood of values that thousands of
+monitored items watch, would else have all of it written at once. Nodes come at once, and go when nothing waits.
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -32,7 +33,7 @@ from ua_fleet.fleet.changes import (
 from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.nodes.address_space import FleetNodes
 from ua_fleet.operation.skills.tracker import SkillTransitioned
-from ua_fleet.values import ARRAY, BuiltinType, NodeId, datetime_from_ticks, ticks_from_datetime
+from ua_fleet.values import ARRAY, BuiltinType, datetime_from_ticks, ticks_from_datetime
 
 __all__ = ["BATCH", "Projection"]
 
@@ -48,6 +49,8 @@ WATCHERS: Final = 4
 """Monitored items to tell that take as long as a write."""
 LARGEST_BATCH: Final = 1000
 """The same while much waits, so that it is written within a second."""
+MOST_FOLLOWING: Final = 1000
+"""Events and such that wait behind values; one more, and all that waits is done at once."""
 
 
 class Projection:
@@ -83,15 +86,17 @@ class Projection:
         self._values = nodes.values
         self._left: float = BATCH
         """Writes that this turn has left."""
-        self._pending: OrderedDict[NodeId, ValueChanged] = OrderedDict()
-        """The value of each node that waits for a turn."""
+        self._pending: OrderedDict[object, ValueChanged | Callable[[], None]] = OrderedDict()
+        """What waits for a turn, in its order: the last value of a node, by its id, and what follows on values."""
+        self._following = 0
+        """How many of these are no values."""
         self._ticks: int | None = None
         self._source_time: datetime | None = None
         """The time of the source that was written last, as ticks and as asyncua has it: a message has one."""
 
     @property
     def waiting(self) -> int:
-        """Values that wait for a turn."""
+        """Values, and what follows on them, that wait for a turn."""
         return len(self._pending)
 
     # Turns.
@@ -111,9 +116,9 @@ class Projection:
 
     # Changes.
 
-    def write(self, change: ValueChanged) -> None:
-        """Write a value to its node, and tell who watches it: now, or in one of the next turns."""
-        if self._left <= 0 or self._pending:
+    def write(self, change: ValueChanged, *, ahead: bool = False) -> None:
+        """Write a value to its node, and tell who watches it: now, or, where it is not `ahead`, when its turn comes."""
+        if (self._left <= 0 or self._pending) and not ahead:
             self._hold(change)
             return
         self._left -= 1
@@ -141,23 +146,32 @@ class Projection:
 
     def write_ahead(self, change: ValueChanged) -> None:
         """Write a value now, whatever waits: one that somebody's safety hangs on. A node has all its values so."""
-        waiting, left = self._pending, self._left
-        self._pending, self._left = OrderedDict(), 1
-        self.write(change)
-        self._pending, self._left = waiting, left
+        self.write(change, ahead=True)
 
     def put(self, change: Change | SkillTransitioned) -> None:
-        """Show any change."""
+        """Show any change: a value and an event in their turn, another node at once."""
         if type(change) is ValueChanged:
             self.write(change)
-        else:
-            self.then(lambda: self._apply(change), what=type(change).__name__)
+            return
+        what = type(change).__name__
+        if isinstance(change, SkillTransitioned | CapacitiesChanged):
+            self.then(lambda: self._apply(change), what)
+            return
+        if isinstance(change, SourceRemoved | RobotRemoved):
+            self._write_waiting(inf)  # what waits may be about them
+        self._do(lambda: self._apply(change), what)
 
     def then(self, action: Callable[[], None], what: str = "") -> None:
-        """Do something, e.g. tell an event, once all that was told before is written."""
-        if self._pending:
+        """Do something, e.g. tell an event, once all that was told before is written: now, if nothing waits."""
+        if not self._pending:
+            self._do(action, what)
+            return
+        self._pending[object()] = lambda: self._do(action, what)
+        self._following += 1
+        if self._following > MOST_FOLLOWING:
             self._write_waiting(inf)
-            self._left = 0
+
+    def _do(self, action: Callable[[], None], what: str) -> None:
         try:
             action()
         except Exception as error:  # noqa: BLE001 - as above
@@ -169,23 +183,26 @@ class Projection:
         if not self._pending:
             self._sooner()
         before = self._pending.pop(change.key, None)
-        if before is not None and not (before.can_wait and change.can_wait):
+        if isinstance(before, ValueChanged) and not (before.can_wait and change.can_wait):
             self.write_ahead(before)
         self._pending[change.key] = change
 
     def _write_waiting(self, count: float) -> None:
-        waiting, self._pending = self._pending, OrderedDict()
         self._left = count
-        while waiting and self._left > 0:
-            self.write(waiting.popitem(last=False)[1])
-        self._pending = waiting
+        while self._pending and self._left > 0:
+            _, waiting = self._pending.popitem(last=False)
+            if isinstance(waiting, ValueChanged):
+                self.write_ahead(waiting)
+            else:
+                self._following -= 1
+                waiting()
 
     def _set_capacities(self, change: CapacitiesChanged) -> None:
         gained, lost = self._nodes.set_capacities(change.robot, change.holds)
         if not gained and not lost:
             return
         key, ticks = change.robot.part("Capacities"), ticks_from_datetime(self._now())
-        self.write(ValueChanged(key, _TEXTS, change.holds, 0, ticks, False))
+        self.write_ahead(ValueChanged(key, _TEXTS, change.holds, 0, ticks, False))
         self._tell_capacities(change, gained, lost)
 
     def _apply(self, change: Change | SkillTransitioned) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
@@ -10,7 +11,7 @@ from tests.unit.nodes.model_server import children, fleet_built, ua
 from ua_fleet.endpoint.convert import raw_id
 from ua_fleet.fleet import DataSetModel, FieldModel, SourceAdded, SourceQuarantined, SourceRemoved, ValueChanged
 from ua_fleet.monitoring import Mistakes
-from ua_fleet.nodes.projection import BATCH, LARGEST_BATCH, WATCHERS, Projection
+from ua_fleet.nodes.projection import BATCH, LARGEST_BATCH, MOST_FOLLOWING, WATCHERS, Projection
 from ua_fleet.topics import Topic
 from ua_fleet.values import UNIX_EPOCH_TICKS, BuiltinType, NodeId, StatusCode
 
@@ -247,8 +248,43 @@ async def test_an_event_is_told_between_the_values_before_and_after_it() -> None
         assert projection.waiting
         projection.then(lambda: told.append("event"))
         projection.write(valued(count, -1.0, can_wait=True))
-        projection.poll(0.0)
+        while projection.waiting:
+            projection.poll(0.0)
         assert told == [*[float(number) for number in range(count)], "event", -1.0]
+
+
+async def test_events_have_no_flood_of_values_written_at_once() -> None:
+    """A fault of each robot had: 60,000 monitored items kept all others waiting for 8 s."""
+    count = BATCH * 20
+    async with fleet_built(many(count)) as (server, nodes):
+        told: list[Any] = []
+        for number in range(count):
+            noted(server, FIRST + number, told)
+        projection = Projection(nodes)
+        turns: list[int] = []
+        for turn in range(30):
+            before = len(told)
+            projection.begin_turn()
+            for number in range(count):
+                projection.write(valued(number, float(turn), can_wait=True))
+            projection.then(lambda: told.append("event"))
+            projection.poll(0.0)
+            turns.append(len(told) - before)
+        assert max(turns) <= 4 * LARGEST_BATCH
+        while projection.waiting:
+            projection.poll(0.0)
+        assert told.count("event") == 30
+
+
+async def test_not_all_events_of_a_flood_wait_behind_values() -> None:
+    async with fleet_built(many(BATCH + 1)) as (_, nodes):
+        projection, told = Projection(nodes), list[int]()
+        for number in range(BATCH + 1):
+            projection.write(valued(number, 1.0, can_wait=True))
+        for number in range(MOST_FOLLOWING + 1):
+            projection.then(functools.partial(told.append, number))
+        assert told == list(range(MOST_FOLLOWING + 1))
+        assert not projection.waiting
 
 
 async def test_no_event_waits() -> None:

@@ -1,10 +1,10 @@
 """Changes of the fleet's state onto its nodes, and events between them: each is done when it is told.
 
 A turn of the server writes `BATCH` values. What a turn has to write beyond that (a bridge that falls silent with ten
-thousand values, a message with as many fields) waits for the next turns, one value for each node. A value that need not
-be written (`can_wait`) gives way to the next one of its node; any other one is written before that. Events are told
-behind the values that wait, so that they overtake none; a fault of each robot, in a flood of values that thousands of
-monitored items watch, would else have all of it written at once. Nodes come at once, and go when nothing waits.
+thousand values, a message with as many fields) waits for the next turns. A value that need not be written (`can_wait`)
+gives way to the next one of its node; any other one waits before that one, and both behind what waits already. Events
+are told behind the values that wait. The faults of a few robots, in a flood of values that thousands of monitored items
+watch, would else have all of it written at once. Nodes come at once, and go when nothing waits.
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -47,8 +47,10 @@ EVENT: Final = 25
 """An event, or any other change that is no value, takes as long as so many writes."""
 WATCHERS: Final = 4
 """Monitored items to tell that take as long as a write."""
-LARGEST_BATCH: Final = 1000
+LARGEST_BATCH: Final = 500
 """The same while much waits, so that it is written within a second."""
+MOST_WAITING: Final = 20_000
+"""Values and events. With one more the first of them is written at once."""
 MOST_FOLLOWING: Final = 1000
 """Events and such that wait behind values; one more, and all that waits is done at once."""
 
@@ -87,7 +89,7 @@ class Projection:
         self._left: float = BATCH
         """Writes that this turn has left."""
         self._pending: OrderedDict[object, ValueChanged | Callable[[], None]] = OrderedDict()
-        """What waits for a turn, in its order: the last value of a node, by its id, and what follows on values."""
+        """What waits for a turn: the last value of each node, by its id, others of it, and what follows on values."""
         self._following = 0
         """How many of these are no values."""
         self._ticks: int | None = None
@@ -184,18 +186,23 @@ class Projection:
             self._sooner()
         before = self._pending.pop(change.key, None)
         if isinstance(before, ValueChanged) and not (before.can_wait and change.can_wait):
-            self.write_ahead(before)
+            self._pending[object()] = before
         self._pending[change.key] = change
+        if len(self._pending) > MOST_WAITING:
+            self._do_first()
 
     def _write_waiting(self, count: float) -> None:
         self._left = count
         while self._pending and self._left > 0:
-            _, waiting = self._pending.popitem(last=False)
-            if isinstance(waiting, ValueChanged):
-                self.write_ahead(waiting)
-            else:
-                self._following -= 1
-                waiting()
+            self._do_first()
+
+    def _do_first(self) -> None:
+        _, first = self._pending.popitem(last=False)
+        if isinstance(first, ValueChanged):
+            self.write_ahead(first)
+        else:
+            self._following -= 1
+            first()
 
     def _set_capacities(self, change: CapacitiesChanged) -> None:
         gained, lost = self._nodes.set_capacities(change.robot, change.holds)

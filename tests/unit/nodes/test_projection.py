@@ -11,7 +11,7 @@ from tests.unit.nodes.model_server import children, fleet_built, ua
 from ua_fleet.endpoint.convert import raw_id
 from ua_fleet.fleet import DataSetModel, FieldModel, SourceAdded, SourceQuarantined, SourceRemoved, ValueChanged
 from ua_fleet.monitoring import Mistakes
-from ua_fleet.nodes.projection import BATCH, LARGEST_BATCH, MOST_FOLLOWING, WATCHERS, Projection
+from ua_fleet.nodes.projection import BATCH, LARGEST_BATCH, MOST_FOLLOWING, MOST_WAITING, WATCHERS, Projection
 from ua_fleet.topics import Topic
 from ua_fleet.values import UNIX_EPOCH_TICKS, BuiltinType, NodeId, StatusCode
 
@@ -179,7 +179,7 @@ async def test_of_a_node_that_waits_the_latest_analog_value_is_written_and_each_
             projection.write(valued(BATCH, value))
         for value in (0.4, 0.5):
             projection.write(valued(BATCH, value, can_wait=True))
-        assert projection.waiting == 1
+        assert (told, projection.waiting) == ([], 4)
         projection.poll(0.0)
         assert told == [0.3, 1.0, 2.0, 0.5]
         assert projection.waiting == 0
@@ -212,15 +212,28 @@ async def test_in_a_flood_of_states_each_is_told_and_none_waits() -> None:
         assert told == [True, False] * 10_000
 
 
-async def test_a_flood_of_states_within_one_turn_keeps_one_value_waiting() -> None:
+async def test_a_flood_of_states_within_one_turn_is_told_in_turns() -> None:
     async with fleet_built() as (server, nodes):
         told = noted(server, 1002)
         projection = Projection(nodes)
         for number in range(2000):
             projection.put(state(number % 2 == 0))
-        assert projection.waiting == 1
-        projection.poll(0.0)
+        assert BATCH <= len(told) + 1 <= BATCH + 1
+        for _ in range(2000 // BATCH):
+            projection.poll(0.0)
         assert told == [True, False] * 1000
+
+
+async def test_no_more_states_wait_than_memory_is_for() -> None:
+    async with fleet_built() as (server, nodes):
+        told = noted(server, 1002)
+        projection = Projection(nodes)
+        for number in range(2 * MOST_WAITING):
+            projection.put(state(number % 2 == 0))
+        assert projection.waiting <= MOST_WAITING + 1
+        while projection.waiting:
+            projection.poll(0.0)
+        assert told == [True, False] * MOST_WAITING
 
 
 async def test_a_change_of_quality_is_not_skipped() -> None:

@@ -1,0 +1,202 @@
+"""Compiled plans for the payloads that writers send most: all fields, in the order of the metadata, of one form.
+
+For the fields of one metadata functions are generated that check every value by its type, and convert what JSON holds
+in another form. Whatever is not exactly as expected makes a plan give up (None, or GIVE_UP), and the general code
+decides: a plan accepts nothing that the general code reads otherwise.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from typing import Any, Final, NamedTuple
+
+from ua_fleet.errors import LocalWireError, RemoteWireError
+from ua_fleet.values import ARRAY, BuiltinType
+from ua_fleet.wire.json.dates import decode_date, encode_date
+from ua_fleet.wire.json.fields import Field, decode_field, encode_field
+from ua_fleet.wire.json.parsing import Reading
+from ua_fleet.wire.json.scalars import FLOAT, RANGES
+from ua_fleet.wire.json.variants import Writing
+
+__all__ = ["GIVE_UP", "MOST_PLANNED_FIELDS", "FieldPlan", "FieldPlans", "compile_fields", "write_fields"]
+
+GIVE_UP: Final = (
+    struct.error,
+    KeyError,
+    TypeError,
+    ValueError,
+    AttributeError,
+    OverflowError,
+    LocalWireError,
+    RemoteWireError,
+)
+
+MOST_PLANNED_FIELDS: Final = 128
+"""Generating the functions for more fields takes longer than it is worth."""
+
+_B = BuiltinType
+_PLAIN: Final = frozenset(
+    {_B.BOOLEAN, *RANGES, _B.FLOAT, _B.DOUBLE, _B.STRING, _B.XML_ELEMENT, _B.DATETIME, _B.DOUBLE | ARRAY}
+)
+"""Type codes for which checks are generated; others go through the general code, field by field."""
+_LONG: Final = (_B.INT64, _B.UINT64)
+
+FEWEST_TOGETHER: Final = 8
+"""Doubles in a row that are checked together."""
+
+
+class FieldPlan(NamedTuple):
+    """How payloads of one form are read."""
+
+    types: tuple[int, ...]
+    decode: Callable[[Reading, dict[str, Any]], tuple[Any, ...] | None]
+
+
+FieldPlans = tuple[FieldPlan, ...]
+
+
+def compile_fields(fields: Sequence[Field]) -> FieldPlans:
+    """The plans for the bare and the Compact form; none where the fields do not suit."""
+    if not 0 < len(fields) <= MOST_PLANNED_FIELDS or any(field.is_abstract for field in fields):
+        return ()
+    types = tuple([field.code for field in fields])
+    return tuple([FieldPlan(types, _decoder(fields, is_compact=is_compact)) for is_compact in (False, True)])
+
+
+def _decoder(fields: Sequence[Field], *, is_compact: bool) -> Callable[[Reading, dict[str, Any]], Any]:
+    names: dict[str, Any] = {
+        "GIVE_UP": GIVE_UP,
+        "NAMES": [field.name for field in fields],
+        "decode_date": decode_date,
+        "decode_general": _decode_general,
+        "pack": FLOAT.pack,
+        "unpack": FLOAT.unpack,
+        "DOUBLES": {float},
+    }
+    lines = ["def decode(reading, payload):", " try:"]
+    body = [f"if {len(fields)} != len(payload) or [*payload] != NAMES: return None"]
+    if not is_compact and len(fields) >= FEWEST_TOGETHER and all(field.code == _B.DOUBLE for field in fields):
+        body += ["values = (*payload.values(),)", "return values if {*map(type, values)} == DOUBLES else None"]
+    else:
+        variables = [f"v{index}" for index in range(len(fields))]
+        body.append(f"{', '.join(variables)}, = payload.values()")
+        for variable, field in zip(variables, fields, strict=True):
+            body += _checks(variable, field, names, is_compact=is_compact)
+        body.append(f"return ({', '.join(variables)},)")
+    lines += [f"  {line}" for line in body]
+    lines += [" except GIVE_UP:", "  return None"]
+    exec(compile("\n".join(lines), "<json field plan>", "exec"), names)  # noqa: S102 - made of our own words and numbers
+    decode: Callable[[Reading, dict[str, Any]], Any] = names["decode"]
+    return decode
+
+
+def _checks(v: str, field: Field, names: dict[str, Any], *, is_compact: bool) -> list[str]:
+    """Lines that turn the JSON value `v` into a value of its type, or give up."""
+    code = field.code
+    if code not in _PLAIN or field.names is not None:
+        names[f"field_{v}"] = field
+        return [f"{v} = decode_general(reading, field_{v}, {v})"]
+    lines: list[str] = []
+    if is_compact:
+        names[f"kind_{v}"] = field.kind
+        # Small integers are single objects, so `is not` tells 1 from True and from 1.0; at worst it gives up.
+        lines += [
+            f"if {v}['UaType'] is not kind_{v} or len({v}) != 2: return None",
+            f"{v} = {v}['Value']",
+        ]
+    if code == _B.BOOLEAN:
+        return [*lines, f"if {v}.__class__ is not bool: return None"]
+    if code in (_B.STRING, _B.XML_ELEMENT):
+        return [*lines, f"if {v}.__class__ is not str: return None"]
+    if code == _B.DOUBLE:
+        return [*lines, f"if {v}.__class__ is not float: return None"]
+    if code == _B.DOUBLE | ARRAY:
+        return [
+            *lines,
+            f"if {v}.__class__ is not list or {{*map(type, {v})}} != DOUBLES: return None",
+            f"{v} = (*{v},)",
+        ]
+    if code == _B.FLOAT:
+        return [*lines, f"if {v}.__class__ is not float: return None", f"{v} = unpack(pack({v}))[0]"]
+    if code == _B.DATETIME:
+        return [*lines, f"if {v}.__class__ is not str: return None", f"{v} = decode_date(reading, {v})"]
+    low, high = RANGES[code]
+    if code in _LONG:
+        lines += [
+            f"if {v}.__class__ is not str or len({v}) > 20 or not {v}.isascii(): return None",
+            f"if not {v}.isdigit() and ({v}[0] != '-' or not {v}[1:].isdigit()): return None",
+            f"{v} = int({v})",
+        ]
+    else:
+        lines.append(f"if {v}.__class__ is not int: return None")
+    return [*lines, f"if not {low} <= {v} <= {high}: return None"]
+
+
+def _decode_general(reading: Reading, field: Field, item: Any) -> Any:
+    noted = reading.leniencies
+    reading.leniencies = {}
+    try:
+        kind, value, data_value = decode_field(reading, field, item)
+        if kind != field.code or data_value is not None or reading.leniencies:
+            raise ValueError  # the general code counts what was forgiven, once
+    finally:
+        reading.leniencies = noted
+    return value
+
+
+def write_fields(fields: Sequence[Field], types: tuple[int, ...], writing: Writing, names: dict[str, Any]) -> list[str]:
+    """Lines that check `values`, and after them one expression: the payload as a dictionary display.
+
+    `names` gets what they refer to. Raise one of GIVE_UP on what does not fit.
+    """
+    names |= {"encode_date": encode_date, "encode_general": encode_field, "writing": writing, "pack": FLOAT.pack}
+    names["DOUBLES"] = {float}
+    variables = [f"v{index}" for index in range(len(types))]
+    lines = [f"{', '.join(variables)}, = values"]
+    if len(types) >= FEWEST_TOGETHER and all(code == _B.DOUBLE for code in types):
+        # A sum is finite only where each of them is; where the sum alone is not, the general code finds that out.
+        lines.append("if {*map(type, values)} != DOUBLES or not -LARGEST < sum(values) < LARGEST: raise ValueError")
+        names["LARGEST"] = float("inf")
+        checked = True
+    else:
+        checked = False
+    members: list[str] = []
+    for index, (variable, field, code) in enumerate(zip(variables, fields, types, strict=True)):
+        names[f"name{index}"] = field.name
+        item = variable
+        if code != field.code or code not in _PLAIN or field.names is not None:
+            names[f"field{index}"] = field
+            lines.append(f"{variable} = encode_general(writing, field{index}, {code}, {variable})")
+            if not writing.verbose:
+                lines.append(f"if {variable} is None: raise ValueError")
+            members.append(f"name{index}: {variable}")
+            continue
+        if not checked:
+            item = _write_checks(variable, code, lines)
+        if not writing.verbose:
+            item = f'{{"UaType": {field.kind}, "Value": {item}}}'
+        members.append(f"name{index}: {item}")
+    return [*lines, "{" + ", ".join(members) + "}"]
+
+
+def _write_checks(v: str, code: int, lines: list[str]) -> str:
+    """Append the checks of a value; the expression of what JSON holds."""
+    if code == _B.BOOLEAN:
+        lines.append(f"if {v}.__class__ is not bool: raise TypeError")
+    elif code in (_B.STRING, _B.XML_ELEMENT):
+        lines.append(f"if {v}.__class__ is not str: raise TypeError")
+    elif code in (_B.DOUBLE, _B.FLOAT):
+        lines.append(f"if {v}.__class__ is not float or {v} - {v} != 0.0: raise TypeError")
+        if code == _B.FLOAT:
+            lines.append(f"pack({v})")
+    elif code == _B.DOUBLE | ARRAY:
+        lines.append(f"if {v}.__class__ is not tuple or ({v} and {{*map(type, {v})}} != DOUBLES): raise TypeError")
+        lines.append(f"if sum({v}) - sum({v}) != 0.0: raise TypeError")
+    elif code == _B.DATETIME:
+        return f"encode_date({v})"
+    else:
+        low, high = RANGES[code]
+        lines.append(f"if {v}.__class__ is not int or not {low} <= {v} <= {high}: raise TypeError")
+        return f"str({v})" if code in _LONG else v
+    return v

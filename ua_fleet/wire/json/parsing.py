@@ -1,0 +1,91 @@
+"""JSON text to Python values and back, with budgets that are checked before anything is built.
+
+`orjson` parses: of two members with the same name the last one counts, an integer of more than 64 bits becomes a float
+(so whoever takes a number checks its range by type), and a float that no Double can hold is no JSON.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import orjson
+
+from ua_fleet.errors import LocalWireError, RemoteWireError
+from ua_fleet.wire.json.causes import JsonCause, Leniency
+from ua_fleet.wire.json.data_types import NO_TYPES, DataTypes
+
+__all__ = ["DEFAULT_LIMITS", "Limits", "Reading", "dump", "parse"]
+
+_BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
+
+
+class Limits(NamedTuple):
+    """What one message may have at most."""
+
+    bytes: int = 4 * 1024 * 1024
+    elements: int = 200_000
+    """Members of objects and elements of arrays. A small one costs some fifty times the memory of its text."""
+    depth: int = 32
+    """Objects and arrays in each other. Those of a message take 4 of them."""
+
+
+DEFAULT_LIMITS: Final = Limits()
+
+
+class Reading:
+    """One message while it is decoded: the namespaces that its values refer to, and what was forgiven."""
+
+    __slots__ = ("leniencies", "namespaces", "types")
+
+    def __init__(self, namespaces: tuple[str, ...] = (), types: DataTypes = NO_TYPES) -> None:
+        """Begin one; `namespaces` are those of the metadata, of which the first has the index 1."""
+        self.namespaces = namespaces
+        self.types = types
+        self.leniencies: dict[Leniency, int] = {}
+
+    def note(self, leniency: Leniency) -> None:
+        """Count something that was forgiven."""
+        self.leniencies[leniency] = self.leniencies.get(leniency, 0) + 1
+
+
+def parse(text: bytes, reading: Reading, limits: Limits = DEFAULT_LIMITS) -> Any:
+    """The value of a JSON text; raises RemoteWireError."""
+    if len(text) > limits.bytes:
+        raise RemoteWireError(JsonCause.SIZE, f"{len(text)} bytes, at most {limits.bytes}")
+    openers = text.count(b"{") + text.count(b"[")
+    # Commas in texts count too, so the budget is a bound and no exact number.
+    if openers + text.count(b",") > limits.elements:
+        raise RemoteWireError(JsonCause.ELEMENTS, f"more than {limits.elements} members and elements")
+    if text.startswith(_BYTE_ORDER_MARK):
+        reading.note(Leniency.BYTE_ORDER_MARK)
+        text = text[len(_BYTE_ORDER_MARK) :]
+    try:
+        value = orjson.loads(text)
+    except (orjson.JSONDecodeError, RecursionError) as error:
+        raise RemoteWireError(JsonCause.SYNTAX, str(error)[:200]) from None
+    if openers > limits.depth and _is_deeper(value, limits.depth):
+        raise RemoteWireError(JsonCause.DEPTH, f"more than {limits.depth} objects and arrays in each other")
+    return value
+
+
+def _is_deeper(value: Any, depth: int) -> bool:
+    level: list[Any] = [value] if value.__class__ in (dict, list) else []
+    while level:
+        if not depth:
+            return True
+        depth -= 1
+        level = [
+            child
+            for parent in level
+            for child in (parent.values() if parent.__class__ is dict else parent)
+            if child.__class__ in (dict, list)
+        ]
+    return False
+
+
+def dump(value: Any) -> bytes:
+    """The JSON text of a value; raises LocalWireError."""
+    try:
+        return orjson.dumps(value)
+    except (TypeError, RecursionError) as error:  # orjson.JSONEncodeError is a TypeError
+        raise LocalWireError(f"a value that JSON cannot hold: {error!s:.200}") from None

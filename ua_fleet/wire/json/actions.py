@@ -35,7 +35,7 @@ from ua_fleet.wire.json.headers import (
     decode_writer_id,
     encode_publisher_id,
 )
-from ua_fleet.wire.json.parsing import Reading, dump
+from ua_fleet.wire.json.parsing import Reading, dump, shown
 from ua_fleet.wire.json.scalars import SCALAR_ENCODERS, decode_byte_string, decode_integer, decode_status, encode_status
 from ua_fleet.wire.json.structures import decode_enumeration
 from ua_fleet.wire.messages import DataSetMessage, PublisherIdType
@@ -119,7 +119,7 @@ def _decode_timeout(value: Any, *, is_request: bool) -> float | None:
     if not is_request or value is None:
         return 0.0 if is_request else None
     if value.__class__ not in (int, float) or not math.isfinite(value) or value < 0:
-        raise RemoteWireError(JsonCause.ACTION, f"a TimeoutHint that is no duration: {value!r:.80}")
+        raise RemoteWireError(JsonCause.ACTION, f"a TimeoutHint that is no duration: {shown(value)}")
     return float(value)
 
 
@@ -127,10 +127,10 @@ def _decode_message(
     reading: Reading, head: ActionMessage, item: Any, fields_of: ActionFieldsOf
 ) -> tuple[ActionMessage, bytes | None]:
     if item.__class__ is not dict:
-        raise RemoteWireError(JsonCause.SHAPE, f"an Action that is no object: {item!r:.80}")
+        raise RemoteWireError(JsonCause.SHAPE, f"an Action that is no object: {shown(item)}")
     kind = item.get("MessageType")
     if kind is not None and kind != (REQUEST if head.is_request else RESPONSE):
-        raise RemoteWireError(JsonCause.MESSAGE_TYPE, f"an Action of type {kind!r:.80} among others")
+        raise RemoteWireError(JsonCause.MESSAGE_TYPE, f"an Action of type {shown(kind)} among others")
     writer_id, _ = decode_writer_id(reading, item.get("DataSetWriterId") or 0, None)
     state = decode_enumeration(reading, item.get("ActionState") or 0)
     if not 0 <= state <= ActionState.DONE:

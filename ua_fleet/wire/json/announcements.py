@@ -35,7 +35,7 @@ from ua_fleet.wire.json.headers import (
     encode_publisher_id,
 )
 from ua_fleet.wire.json.metadata import META_DATA
-from ua_fleet.wire.json.parsing import Reading, dump
+from ua_fleet.wire.json.parsing import Reading, dump, shown
 from ua_fleet.wire.json.records import BOOLEAN, ENUMERATION, TEXT, Member, Record, array
 from ua_fleet.wire.json.scalars import SCALAR_ENCODERS
 from ua_fleet.wire.messages import DataSetMetaData, MetaDataAnnouncement, PublisherIdType
@@ -77,7 +77,7 @@ def _required(tree: dict[str, Any], name: str) -> Any:
 def _writer_id(reading: Reading, tree: dict[str, Any]) -> int:
     number, _ = decode_writer_id(reading, _required(tree, "DataSetWriterId"), None)
     if number is None:
-        raise RemoteWireError(JsonCause.SHAPE, f"DataSetWriterId is no number: {tree['DataSetWriterId']!r:.80}")
+        raise RemoteWireError(JsonCause.SHAPE, f"DataSetWriterId is no number: {shown(tree['DataSetWriterId'])}")
     return number
 
 
@@ -206,7 +206,7 @@ def decode_announcement(reading: Reading, tree: dict[str, Any]) -> JsonAnnouncem
     """A discovery message from its parsed text; raises RemoteWireError."""
     kind = ANNOUNCEMENTS.get(tree["MessageType"])
     if kind is None:
-        raise RemoteWireError(JsonCause.MESSAGE_TYPE, f"{tree['MessageType']!r:.80}")
+        raise RemoteWireError(JsonCause.MESSAGE_TYPE, f"{shown(tree['MessageType'])}")
     message_id = decode_message_id(reading, tree.get("MessageId"))
     publisher_id = decode_publisher_id(reading, _required(tree, "PublisherId"))
     names: dict[str, str | None] = {

@@ -48,6 +48,7 @@ class Leniency(StrEnum):
     MESSAGE_ID_MISSING = "message_id_missing"
     """No MessageId, or null."""
     MESSAGE_ID_NUMBER = "message_id_number"
+    """A number as MessageId; it is a String."""
     PUBLISHER_ID_NUMBER = "publisher_id_number"
     """A number as PublisherId; it is a String."""
     PUBLISHER_ID_ZEROS = "publisher_id_zeros"

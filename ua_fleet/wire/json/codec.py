@@ -10,7 +10,8 @@ from ua_fleet.wire.json.announcements import ANNOUNCEMENTS, JsonAnnouncement, de
 from ua_fleet.wire.json.causes import JsonCause
 from ua_fleet.wire.json.data_messages import DATA, UNKNOWN_SOURCE, FieldsOf, JsonData, Layout, Source, decode_data
 from ua_fleet.wire.json.data_sets import DataSetFields
-from ua_fleet.wire.json.parsing import DEFAULT_LIMITS, Limits, Reading, parse
+from ua_fleet.wire.json.parsing import DEFAULT_LIMITS, Limits, Reading, parse, shown
+from ua_fleet.wire.json.usual_message import decode_usual_message
 
 __all__ = ["JsonDecoded", "decode_json"]
 
@@ -47,12 +48,16 @@ def decode_json(
     tree = parse(text, reading, limits)
     if tree.__class__ is dict and (layout is None or layout.network_header):
         kind = tree.get("MessageType")
+        if kind == DATA and layout is None:
+            usual = decode_usual_message(reading, tree, fields_of, source)
+            if usual is not None:
+                return usual
         if kind in (REQUEST, RESPONSE) and not _is_data_set_message(tree):
             return decode_action(reading, tree, action_fields_of)
         if kind.__class__ is str and kind in ANNOUNCEMENTS:
             return decode_announcement(reading, tree)
         if kind.__class__ is str and layout is not None and kind != DATA:
-            raise RemoteWireError(JsonCause.MESSAGE_TYPE, f"{kind!r:.80}")
+            raise RemoteWireError(JsonCause.MESSAGE_TYPE, f"{shown(kind)}")
     return decode_data(reading, tree, fields_of, source, layout)
 
 

@@ -30,7 +30,7 @@ from ua_fleet.wire.json.headers import (
     encode_publisher_id,
     encode_version,
 )
-from ua_fleet.wire.json.parsing import Reading, dump
+from ua_fleet.wire.json.parsing import Reading, dump, shown
 from ua_fleet.wire.json.scalars import SCALAR_ENCODERS, decode_integer, decode_status, encode_status
 from ua_fleet.wire.messages import DataSetMessage, FrameKind, NetworkMessage, PublisherIdType
 
@@ -138,11 +138,11 @@ def decode_data(
     items: Any = tree
     if has_header:
         if tree.__class__ is not dict:
-            raise RemoteWireError(JsonCause.SHAPE, f"a NetworkMessage that is no object: {tree!r:.80}")
+            raise RemoteWireError(JsonCause.SHAPE, f"a NetworkMessage that is no object: {shown(tree)}")
         message_id = decode_message_id(reading, tree.get("MessageId"))
         if tree.get("MessageType") != DATA:
             if tree.get("MessageType") is not None:
-                raise RemoteWireError(JsonCause.MESSAGE_TYPE, f"{tree['MessageType']!r:.80} is not {DATA}")
+                raise RemoteWireError(JsonCause.MESSAGE_TYPE, f"{shown(tree['MessageType'])} is not {DATA}")
             reading.note(Leniency.MESSAGE_TYPE_MISSING)
         source = _outer_source(reading, tree, source)
         if "DataSetClassId" in tree:
@@ -150,12 +150,12 @@ def decode_data(
         items = _messages_of(reading, tree)
     parts: list[Any] = items if items.__class__ is list else [items]
     if items.__class__ is not list and items.__class__ is not dict:
-        raise RemoteWireError(JsonCause.SHAPE, f"DataSetMessages that are no array: {items!r:.80}")
+        raise RemoteWireError(JsonCause.SHAPE, f"DataSetMessages that are no array: {shown(items)}")
     messages: list[DataSetMessage] = []
     sources: list[Source] = []
     for item in parts:
         if item.__class__ is not dict:
-            raise RemoteWireError(JsonCause.SHAPE, f"a DataSetMessage that is no object: {item!r:.80}")
+            raise RemoteWireError(JsonCause.SHAPE, f"a DataSetMessage that is no object: {shown(item)}")
         has_header = layout.data_set_header if layout is not None else _has_data_set_header(item)
         message, its_source = _decode_message(reading, item, source, fields_of, has_header=has_header)
         messages.append(message)
@@ -244,7 +244,7 @@ def _decode_kind(item: dict[str, Any]) -> tuple[int, Any]:
         return (FrameKind.KEY if payload is not None else FrameKind.KEEP_ALIVE).value, payload
     kind = KINDS.get(name) if name.__class__ is str else None
     if kind is None:
-        raise RemoteWireError(JsonCause.MESSAGE_TYPE, f"a DataSetMessage of type {name!r:.80}")
+        raise RemoteWireError(JsonCause.MESSAGE_TYPE, f"a DataSetMessage of type {shown(name)}")
     if payload is None and kind != FrameKind.KEEP_ALIVE:
         raise RemoteWireError(JsonCause.MISSING, f"a {name} without its Payload")
     return kind, payload

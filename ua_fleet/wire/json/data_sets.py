@@ -25,7 +25,7 @@ from ua_fleet.wire.json.fields import (
     encode_field,
     planned_fields,
 )
-from ua_fleet.wire.json.parsing import Reading
+from ua_fleet.wire.json.parsing import Reading, dump, shown
 from ua_fleet.wire.json.variants import Writing
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldEncoding, FrameKind
 
@@ -63,19 +63,27 @@ class DataSetFields:
     def decode(self, reading: Reading, message: DataSetMessage, payload: Any) -> DataSetMessage:
         """The message with the fields of a parsed payload; raises RemoteWireError."""
         if payload.__class__ is not dict:
-            raise RemoteWireError(JsonCause.SHAPE, f"a payload that is no object: {payload!r:.80}")
-        reading.namespaces, reading.types = self.metadata.namespaces, self.types
+            raise RemoteWireError(JsonCause.SHAPE, f"a payload that is no object: {shown(payload)}")
         if message.kind != FrameKind.DELTA:
-            for plan in self._preferred:
-                values = plan.decode(reading, payload)
-                if values is not None:
-                    if plan is not self._preferred[0]:
-                        self._preferred = (plan, *[other for other in self.plans if other is not plan])
-                    return message._replace(types=plan.types, values=values)
+            planned = self.planned(reading, payload)
+            if planned is not None:
+                return message._replace(types=planned[0], values=planned[1])
         return self.decode_by_names(reading, message, payload)
+
+    def planned(self, reading: Reading, payload: dict[str, Any]) -> tuple[tuple[int, ...], tuple[Any, ...]] | None:
+        """Types and values of a payload that has all fields, in their order and in a usual form; None for another."""
+        reading.namespaces, reading.types = self.metadata.namespaces, self.types
+        for plan in self._preferred:
+            values = plan.decode(reading, payload)
+            if values is not None:
+                if plan is not self._preferred[0]:
+                    self._preferred = (plan, *[other for other in self.plans if other is not plan])
+                return plan.types, values
+        return None
 
     def decode_by_names(self, reading: Reading, message: DataSetMessage, payload: dict[str, Any]) -> DataSetMessage:
         """The message with the fields of a payload of any form and order, without a plan; raises RemoteWireError."""
+        reading.namespaces, reading.types = self.metadata.namespaces, self.types
         found: dict[int, FieldValue] = {}
         for name, item in payload.items():
             index = self._positions.get(name)
@@ -151,8 +159,8 @@ def _as_data_value(field: FieldValue) -> DataValue:
 def keep_payload(message: DataSetMessage, payload: Any) -> DataSetMessage:
     """The message with its payload as text, for which there is no metadata yet."""
     if payload.__class__ is not dict:
-        raise RemoteWireError(JsonCause.SHAPE, f"a payload that is no object: {payload!r:.80}")
-    return message._replace(encoding=JSON_PAYLOAD, raw=orjson.dumps(payload))
+        raise RemoteWireError(JsonCause.SHAPE, f"a payload that is no object: {shown(payload)}")
+    return message._replace(encoding=JSON_PAYLOAD, raw=dump(payload))
 
 
 def decode_payload(reading: Reading, message: DataSetMessage, fields: DataSetFields) -> DataSetMessage:

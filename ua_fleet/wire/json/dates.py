@@ -13,9 +13,9 @@ from typing import Any, Final
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import TICKS_PER_SECOND
 from ua_fleet.wire.json.causes import JsonCause, Leniency
-from ua_fleet.wire.json.parsing import Reading
+from ua_fleet.wire.json.parsing import Reading, shown
 
-__all__ = ["LATEST", "LATEST_TEXT", "NULL_TEXT", "decode_date", "encode_date"]
+__all__ = ["LATEST", "LATEST_TEXT", "NULL_TEXT", "decode_date", "encode_date", "usual_date"]
 
 NULL_TEXT: Final = "0001-01-01T00:00:00Z"
 """DateTime.MinValue, and what is before 1601."""
@@ -53,23 +53,28 @@ def encode_date(ticks: Any) -> str:
     return LATEST_TEXT if ticks > 0 else NULL_TEXT
 
 
+def usual_date(value: str) -> int:
+    """The ticks of a DateTime in one of the two forms that we write; raises ValueError for any other."""
+    if value[-1:] == "Z" and value[10:11] == "T":
+        size = len(value)
+        if size == 20:
+            return _within(_ticks_of(value[:19]))
+        fraction = value[20:27]
+        if size == 28 and value[19] == "." and fraction.isascii() and fraction.isdigit():
+            return _within(_ticks_of(value[:19]) + int(fraction))
+    raise ValueError(value)
+
+
 def decode_date(reading: Reading, value: Any) -> int:
     """The ticks of a DateTime; null is 0. Digits beyond 100 ns are cut off."""
     if value.__class__ is str:
-        try:  # the usual forms, without a regular expression
-            if value[-1:] == "Z":
-                if len(value) == 28 and value[19] == "." and value[10] == "T":
-                    fraction = value[20:27]
-                    if fraction.isascii() and fraction.isdigit():
-                        return _within(_ticks_of(value[:19]) + int(fraction))
-                elif len(value) == 20 and value[10] == "T":
-                    return _within(_ticks_of(value[:19]))
+        try:
+            return usual_date(value)
         except ValueError:
-            pass
-        return _decode_form(reading, value)
+            return _decode_form(reading, value)
     if value is None:
         return 0
-    raise RemoteWireError(JsonCause.VALUE_TYPE, f"{value!r:.80} is no DateTime")
+    raise RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(value)} is no DateTime")
 
 
 def _within(ticks: int) -> int:
@@ -79,13 +84,13 @@ def _within(ticks: int) -> int:
 def _decode_form(reading: Reading, value: str) -> int:
     match = _FORM.fullmatch(value)
     if match is None:
-        raise RemoteWireError(JsonCause.VALUE_TEXT, f"{value!r:.80} is no DateTime")
+        raise RemoteWireError(JsonCause.VALUE_TEXT, f"{shown(value)} is no DateTime")
     day, between, clock, fraction, zone = match.groups()
     leap = clock.endswith(":60")  # a leap second is the last one before it
     try:
         ticks = _ticks_of(f"{day}T{clock[:-2]}59" if leap else f"{day}T{clock}")
     except ValueError:
-        raise RemoteWireError(JsonCause.VALUE_TEXT, f"{value!r:.80} is no DateTime") from None
+        raise RemoteWireError(JsonCause.VALUE_TEXT, f"{shown(value)} is no DateTime") from None
     ticks += int((fraction or "")[:7].ljust(7, "0"))
     if between != "T" or zone != "Z" or leap:
         reading.note(Leniency.DATE_FORM)

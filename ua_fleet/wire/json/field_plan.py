@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import ARRAY, BuiltinType
-from ua_fleet.wire.json.dates import decode_date, encode_date
+from ua_fleet.wire.json.dates import encode_date, usual_date
 from ua_fleet.wire.json.fields import Field, decode_field, encode_field
 from ua_fleet.wire.json.parsing import Reading
 from ua_fleet.wire.json.scalars import FLOAT, RANGES
@@ -68,7 +68,7 @@ def _decoder(fields: Sequence[Field], *, is_compact: bool) -> Callable[[Reading,
     names: dict[str, Any] = {
         "GIVE_UP": GIVE_UP,
         "NAMES": [field.name for field in fields],
-        "decode_date": decode_date,
+        "usual_date": usual_date,
         "decode_general": _decode_general,
         "pack": FLOAT.pack,
         "unpack": FLOAT.unpack,
@@ -120,7 +120,7 @@ def _checks(v: str, field: Field, names: dict[str, Any], *, is_compact: bool) ->
     if code == _B.FLOAT:
         return [*lines, f"if {v}.__class__ is not float: return None", f"{v} = unpack(pack({v}))[0]"]
     if code == _B.DATETIME:
-        return [*lines, f"if {v}.__class__ is not str: return None", f"{v} = decode_date(reading, {v})"]
+        return [*lines, f"if {v}.__class__ is not str: return None", f"{v} = usual_date({v})"]
     low, high = RANGES[code]
     if code in _LONG:
         lines += [
@@ -192,7 +192,7 @@ def _write_checks(v: str, code: int, lines: list[str]) -> str:
             lines.append(f"pack({v})")
     elif code == _B.DOUBLE | ARRAY:
         lines.append(f"if {v}.__class__ is not tuple or ({v} and {{*map(type, {v})}} != DOUBLES): raise TypeError")
-        lines.append(f"if sum({v}) - sum({v}) != 0.0: raise TypeError")
+        lines.append(f"if (total := sum({v})) - total != 0.0: raise TypeError")
     elif code == _B.DATETIME:
         return f"encode_date({v})"
     else:

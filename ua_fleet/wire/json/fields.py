@@ -19,7 +19,7 @@ from ua_fleet.wire.descriptions import StructureDescription
 from ua_fleet.wire.json.causes import JsonCause, Leniency
 from ua_fleet.wire.json.data_types import DataTypes
 from ua_fleet.wire.json.node_ids import NULL_NODE_ID, encode_node_id
-from ua_fleet.wire.json.parsing import Reading, dump
+from ua_fleet.wire.json.parsing import Reading, dump, shown
 from ua_fleet.wire.json.scalars import RANGES, decode_status, encode_status
 from ua_fleet.wire.json.structures import (
     JsonBody,
@@ -99,7 +99,7 @@ def planned_fields(metadata: DataSetMetaData, types: DataTypes) -> tuple[Field, 
 def _planned(field: FieldMetaData, types: DataTypes) -> Field:
     kind, rank = field.builtin_type, field.value_rank
     if not BuiltinType.BOOLEAN <= kind <= BuiltinType.DIAGNOSTIC_INFO:
-        raise RemoteWireError(JsonCause.METADATA, f"field {field.name!r:.80} has the built-in type {kind}")
+        raise RemoteWireError(JsonCause.METADATA, f"field {shown(field.name)} has the built-in type {kind}")
     data_type = NodeId(0, kind) if field.data_type is None else field.data_type
     resolved = types.resolve(data_type)
     structure = None if resolved is None or kind != BuiltinType.EXTENSION_OBJECT else resolved.structure
@@ -224,7 +224,7 @@ def _infer(reading: Reading, item: Any) -> tuple[int, Any]:
         return BuiltinType.STRING.value, item
     if item.__class__ is dict:
         return BuiltinType.EXTENSION_OBJECT.value, ExtensionObject(NULL_NODE_ID, JsonBody(dump(item)))
-    raise RemoteWireError(JsonCause.VALUE_TYPE, f"{item!r:.80} is no value")
+    raise RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(item)} is no value")
 
 
 def _infer_elements(reading: Reading, elements: Any) -> tuple[int, tuple[Any, ...]]:

@@ -8,7 +8,7 @@ from typing import Any
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import BuiltinType
 from ua_fleet.wire.json.causes import JsonCause, Leniency
-from ua_fleet.wire.json.parsing import Reading
+from ua_fleet.wire.json.parsing import Reading, shown
 from ua_fleet.wire.json.scalars import SCALAR_DECODERS, SCALAR_ENCODERS, decode_integer
 from ua_fleet.wire.messages import DataSetMessage
 
@@ -29,7 +29,7 @@ def decode_text(value: Any, name: str) -> str:
     """A mandatory text."""
     if value.__class__ is not str:
         cause = JsonCause.MISSING if value is None else JsonCause.SHAPE
-        raise RemoteWireError(cause, f"{name} is no text: {value!r:.80}")
+        raise RemoteWireError(cause, f"{name} is no text: {shown(value)}")
     text: str = value
     return text
 
@@ -45,7 +45,7 @@ def decode_message_id(reading: Reading, value: Any) -> str | None:
     if value.__class__ in (int, float):
         reading.note(Leniency.MESSAGE_ID_NUMBER)
         return str(value)
-    raise RemoteWireError(JsonCause.SHAPE, f"MessageId is no text: {value!r:.80}")
+    raise RemoteWireError(JsonCause.SHAPE, f"MessageId is no text: {shown(value)}")
 
 
 def decode_publisher_id(reading: Reading, value: Any) -> str:
@@ -100,7 +100,7 @@ def decode_version(reading: Reading, item: dict[str, Any]) -> tuple[int | None, 
         minor = item.get("MinorVersion")
         return None, None if minor is None else decode_integer(reading, BuiltinType.UINT32, minor)
     if version.__class__ is not dict:
-        raise RemoteWireError(JsonCause.SHAPE, f"MetaDataVersion is no object: {version!r:.80}")
+        raise RemoteWireError(JsonCause.SHAPE, f"MetaDataVersion is no object: {shown(version)}")
     major, minor = version.get("MajorVersion", 0), version.get("MinorVersion", 0)
     return decode_integer(reading, BuiltinType.UINT32, major), decode_integer(reading, BuiltinType.UINT32, minor)
 

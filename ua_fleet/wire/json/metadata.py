@@ -17,7 +17,7 @@ from ua_fleet.wire.descriptions import (
 from ua_fleet.wire.discovered import KeyValuePair
 from ua_fleet.wire.json.causes import JsonCause
 from ua_fleet.wire.json.node_ids import NULL_NODE_ID
-from ua_fleet.wire.json.parsing import Reading
+from ua_fleet.wire.json.parsing import Reading, shown
 from ua_fleet.wire.json.records import (
     BOOLEAN,
     BYTE,
@@ -250,7 +250,7 @@ _LISTS: Final = ("StructureDataTypes", "EnumDataTypes", "SimpleDataTypes", "Fiel
 def decode_metadata(reading: Reading, value: Any) -> DataSetMetaData:
     """A DataSetMetaDataType; the namespaces that it lists are those of its NodeIds and names."""
     if value.__class__ is not dict:
-        raise RemoteWireError(JsonCause.SHAPE, f"metadata that is no object: {value!r:.80}")
+        raise RemoteWireError(JsonCause.SHAPE, f"metadata that is no object: {shown(value)}")
     parts = sum(len(value[name]) for name in _LISTS if value.get(name).__class__ is list)
     if parts > MOST_DESCRIBED:
         raise RemoteWireError(JsonCause.ELEMENTS, f"metadata of more than {MOST_DESCRIBED} parts")

@@ -18,7 +18,7 @@ from urllib.parse import unquote
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import ExpandedNodeId, NodeId, QualifiedName
 from ua_fleet.wire.json.causes import JsonCause, Leniency
-from ua_fleet.wire.json.parsing import Reading
+from ua_fleet.wire.json.parsing import Reading, shown
 
 __all__ = [
     "NULL_NODE_ID",
@@ -105,7 +105,7 @@ def decode_node_id(reading: Reading, value: Any) -> NodeId:
         return NULL_NODE_ID
     server, uri, node_id = expanded
     if server:
-        raise RemoteWireError(JsonCause.VALUE_TEXT, f"{value!r:.80} is no NodeId but an ExpandedNodeId")
+        raise RemoteWireError(JsonCause.VALUE_TEXT, f"{shown(value)} is no NodeId but an ExpandedNodeId")
     if uri is None:
         return node_id
     reading.note(Leniency.NAMESPACE_UNKNOWN)
@@ -143,7 +143,7 @@ def _decode(reading: Reading, value: Any) -> tuple[int, str | None, NodeId] | No
     if value.__class__ is dict:
         reading.note(Leniency.OLD_NODE_ID)
         return _decode_object(reading, value)
-    raise RemoteWireError(JsonCause.VALUE_TYPE, f"{value!r:.80} is no NodeId")
+    raise RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(value)} is no NodeId")
 
 
 def _decode_text(reading: Reading, text: str) -> tuple[int, str | None, NodeId]:
@@ -161,7 +161,7 @@ def _decode_text(reading: Reading, text: str) -> tuple[int, str | None, NodeId]:
             found = _index_of(reading, uri)
             index, unlisted = (0, uri) if found is None else (found, None)
     if server > 0xFFFF_FFFF or index > 0xFFFF:
-        raise RemoteWireError(JsonCause.VALUE_RANGE, f"an index in {text!r:.80}")
+        raise RemoteWireError(JsonCause.VALUE_RANGE, f"an index in {shown(text)}")
     return server, unlisted, NodeId(index, _identifier(text, text[position : position + 2], text[position + 2 :]))
 
 
@@ -177,7 +177,7 @@ def _identifier(text: str, kind: str, rest: str) -> _Identifier:
             return binascii.a2b_base64(rest, strict_mode=True)
     except ValueError:
         pass
-    raise RemoteWireError(JsonCause.VALUE_TEXT, f"{text!r:.80} is no NodeId")
+    raise RemoteWireError(JsonCause.VALUE_TEXT, f"{shown(text)} is no NodeId")
 
 
 def _decode_object(reading: Reading, value: dict[str, Any]) -> tuple[int, str | None, NodeId]:
@@ -189,16 +189,16 @@ def _decode_object(reading: Reading, value: dict[str, Any]) -> tuple[int, str | 
         found = _index_of(reading, namespace)
         unlisted, namespace = (namespace, 0) if found is None else (None, found)
     if namespace.__class__ is not int or server.__class__ is not int:
-        raise RemoteWireError(JsonCause.VALUE_TYPE, f"{value!r:.80} is no NodeId")
+        raise RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(value)} is no NodeId")
     if not 0 <= namespace <= 0xFFFF or not 0 <= server <= 0xFFFF_FFFF:
-        raise RemoteWireError(JsonCause.VALUE_RANGE, f"an index in {value!r:.80}")
+        raise RemoteWireError(JsonCause.VALUE_RANGE, f"an index in {shown(value)}")
     kind, identifier = value.get("IdType") or 0, value.get("Id", 0)
     if kind == 0 and identifier.__class__ is int and 0 <= identifier <= 0xFFFF_FFFF:
         return server, unlisted, NodeId(namespace, identifier)
     if kind in (1, 2, 3) and identifier.__class__ is str:
         prefix = ("s=", "g=", "b=")[cast("int", kind) - 1]
         return server, unlisted, NodeId(namespace, _identifier(identifier, prefix, identifier))
-    raise RemoteWireError(JsonCause.VALUE_TYPE, f"{value!r:.80} is no NodeId")
+    raise RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(value)} is no NodeId")
 
 
 def encode_qualified_name(namespaces: tuple[str, ...], value: Any) -> str | None:
@@ -237,7 +237,7 @@ def decode_qualified_name(reading: Reading, value: Any) -> QualifiedName:
     if value is None:
         return NULL_NAME
     if value.__class__ is not dict or not isinstance(value.get("Name"), str | None):
-        raise RemoteWireError(JsonCause.VALUE_TYPE, f"{value!r:.80} is no QualifiedName")
+        raise RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(value)} is no QualifiedName")
     reading.note(Leniency.OLD_QUALIFIED_NAME)
     name = value.get("Name")
     namespace: Any = value.get("Uri") or 0
@@ -248,5 +248,5 @@ def decode_qualified_name(reading: Reading, value: Any) -> QualifiedName:
             return QualifiedName(0, f"nsu={_escaped(namespace)};{name}")
         return QualifiedName(found, name)
     if namespace.__class__ is not int or not 0 <= namespace <= 0xFFFF:
-        raise RemoteWireError(JsonCause.VALUE_RANGE, f"the namespace of {value!r:.80}")
+        raise RemoteWireError(JsonCause.VALUE_RANGE, f"the namespace of {shown(value)}")
     return QualifiedName(namespace, name)

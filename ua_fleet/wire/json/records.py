@@ -13,7 +13,7 @@ from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import BuiltinType, ExtensionObject, Variant
 from ua_fleet.wire.json.causes import JsonCause
 from ua_fleet.wire.json.node_ids import decode_node_id
-from ua_fleet.wire.json.parsing import Reading
+from ua_fleet.wire.json.parsing import Reading, shown
 from ua_fleet.wire.json.scalars import DEFAULTS, SCALAR_DECODERS, SCALAR_ENCODERS
 from ua_fleet.wire.json.structures import decode_enumeration, decode_extension_object, encode_extension_object
 from ua_fleet.wire.json.variants import Writing, decode_variant, encode_variant
@@ -69,7 +69,7 @@ class Record(NamedTuple):
         if value is None:
             value = {}
         if value.__class__ is not dict:
-            raise RemoteWireError(JsonCause.SHAPE, f"{value!r:.80} is no {self.kind.__name__}")
+            raise RemoteWireError(JsonCause.SHAPE, f"{shown(value)} is no {self.kind.__name__}")
         return self.make(
             *[member.decode(reading, value.get(name)) for name, member in zip(self.names, self.members, strict=True)]
         )
@@ -163,7 +163,7 @@ def array(element: Member | Record) -> Member:
         if value is None:
             return ()
         if value.__class__ is not list:
-            raise RemoteWireError(JsonCause.SHAPE, f"{value!r:.80} is no array")
+            raise RemoteWireError(JsonCause.SHAPE, f"{shown(value)} is no array")
         return tuple([element.decode(reading, part) for part in cast("list[Any]", value)])
 
     def encode(namespaces: tuple[str, ...], value: Any) -> Any:

@@ -27,7 +27,7 @@ from ua_fleet.wire.json.node_ids import (
     encode_node_id,
     encode_qualified_name,
 )
-from ua_fleet.wire.json.parsing import Reading
+from ua_fleet.wire.json.parsing import Reading, shown
 from ua_fleet.wire.packed import is_packed
 
 __all__ = [
@@ -82,7 +82,7 @@ _CODES: Final = {status_name(code): code.value for code in StatusCode} | {"Good"
 
 
 def _wrong(kind: int, value: Any) -> RemoteWireError:
-    return RemoteWireError(JsonCause.VALUE_TYPE, f"{value!r:.80} is no {BuiltinType(kind).name}")
+    return RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(value)} is no {BuiltinType(kind).name}")
 
 
 def decode_integer(reading: Reading, kind: int, value: Any) -> int:
@@ -95,7 +95,7 @@ def decode_integer(reading: Reading, kind: int, value: Any) -> int:
         number = value
     elif value.__class__ is str:
         if not _NUMBER.fullmatch(value):
-            raise RemoteWireError(JsonCause.VALUE_TEXT, f"{value!r:.80} is no {BuiltinType(kind).name}")
+            raise RemoteWireError(JsonCause.VALUE_TEXT, f"{shown(value)} is no {BuiltinType(kind).name}")
         if kind not in _TEXTS:
             reading.note(Leniency.NUMBER_AS_TEXT)
         number = int(value)
@@ -106,11 +106,11 @@ def decode_integer(reading: Reading, kind: int, value: Any) -> int:
         reading.note(Leniency.NULL_NUMBER)
         return 0
     elif value.__class__ is float:
-        raise RemoteWireError(JsonCause.VALUE_RANGE, f"{value!r:.80} is no {BuiltinType(kind).name}")
+        raise RemoteWireError(JsonCause.VALUE_RANGE, f"{shown(value)} is no {BuiltinType(kind).name}")
     else:
         raise _wrong(kind, value)
     if not low <= number <= high:
-        raise RemoteWireError(JsonCause.VALUE_RANGE, f"{value!r:.80} is no {BuiltinType(kind).name}")
+        raise RemoteWireError(JsonCause.VALUE_RANGE, f"{shown(value)} is no {BuiltinType(kind).name}")
     return number
 
 
@@ -162,11 +162,11 @@ def _decode_float_text(reading: Reading, value: str) -> float:
         reading.note(Leniency.INFINITY_NAME)
         return _OTHER_INFINITIES[value]
     if not _FLOAT_TEXT.fullmatch(value):
-        raise RemoteWireError(JsonCause.VALUE_TEXT, f"{value!r:.80} is no number")
+        raise RemoteWireError(JsonCause.VALUE_TEXT, f"{shown(value)} is no number")
     reading.note(Leniency.NUMBER_AS_TEXT)
     number = float(value)
     if math.isinf(number):
-        raise RemoteWireError(JsonCause.VALUE_RANGE, f"{value!r:.80} is no Double")
+        raise RemoteWireError(JsonCause.VALUE_RANGE, f"{shown(value)} is no Double")
     return number
 
 
@@ -176,7 +176,7 @@ def _decode_float(reading: Reading, value: Any) -> float:
     try:
         nearest: float = FLOAT.unpack(FLOAT.pack(number))[0]
     except (OverflowError, struct_error):
-        raise RemoteWireError(JsonCause.VALUE_RANGE, f"{value!r:.80} is no Float") from None
+        raise RemoteWireError(JsonCause.VALUE_RANGE, f"{shown(value)} is no Float") from None
     return nearest
 
 
@@ -202,7 +202,7 @@ def decode_byte_string(reading: Reading, value: Any) -> bytes | None:
     try:
         decoded = binascii.a2b_base64(text + "=" * (-len(text) % 4), strict_mode=True)
     except ValueError:
-        raise RemoteWireError(JsonCause.VALUE_TEXT, f"{value!r:.80} is no ByteString") from None
+        raise RemoteWireError(JsonCause.VALUE_TEXT, f"{shown(value)} is no ByteString") from None
     reading.note(Leniency.BASE64_FORM)
     return decoded
 
@@ -214,12 +214,12 @@ def _decode_guid(reading: Reading, value: Any) -> uuid.UUID:
         raise _wrong(BuiltinType.GUID, value)
     if not _GUID.fullmatch(value):
         if len(value) > 60:
-            raise RemoteWireError(JsonCause.VALUE_TEXT, f"{value!r:.80} is no Guid")
+            raise RemoteWireError(JsonCause.VALUE_TEXT, f"{shown(value)} is no Guid")
         reading.note(Leniency.GUID_FORM)
     try:
         return uuid.UUID(value)
     except ValueError:
-        raise RemoteWireError(JsonCause.VALUE_TEXT, f"{value!r:.80} is no Guid") from None
+        raise RemoteWireError(JsonCause.VALUE_TEXT, f"{shown(value)} is no Guid") from None
 
 
 def decode_status(reading: Reading, value: Any) -> int:
@@ -230,7 +230,7 @@ def decode_status(reading: Reading, value: Any) -> int:
             symbol = value.get("Symbol")
             code = 0 if symbol is None else _CODES.get(symbol) if isinstance(symbol, str) else None
             if code is None:
-                raise RemoteWireError(JsonCause.VALUE_TEXT, f"{value!r:.80} is no StatusCode")
+                raise RemoteWireError(JsonCause.VALUE_TEXT, f"{shown(value)} is no StatusCode")
         return decode_integer(reading, BuiltinType.UINT32, code)
     if value is None or value.__class__ is int:
         reading.note(Leniency.OLD_STATUS_CODE)

@@ -20,7 +20,7 @@ from ua_fleet.wire.json import variants
 from ua_fleet.wire.json.causes import JsonCause, Leniency
 from ua_fleet.wire.json.data_types import DataTypes, Resolved
 from ua_fleet.wire.json.node_ids import NULL_NODE_ID, decode_node_id, encode_node_id
-from ua_fleet.wire.json.parsing import Reading
+from ua_fleet.wire.json.parsing import Reading, shown
 from ua_fleet.wire.json.scalars import DEFAULTS, decode_byte_string, decode_integer, decode_string
 from ua_fleet.wire.json.scalars import SCALAR_ENCODERS as _SCALARS
 from ua_fleet.wire.variant import DECODERS, ENCODERS, NESTED_ENCODERS, SMALLEST
@@ -59,7 +59,7 @@ def decode_extension_object(reading: Reading, value: Any) -> ExtensionObject:
     if value is None or value == {}:
         return ExtensionObject(NULL_NODE_ID, None)
     if value.__class__ is not dict:
-        raise RemoteWireError(JsonCause.VALUE_TYPE, f"{value!r:.80} is no structure")
+        raise RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(value)} is no structure")
     if "UaTypeId" in value:
         type_id = decode_node_id(reading, value["UaTypeId"])
         if "UaBody" in value:
@@ -72,7 +72,7 @@ def decode_extension_object(reading: Reading, value: Any) -> ExtensionObject:
         if body is None:
             return ExtensionObject(type_id, None)
         return decode_structure(reading, type_id, body) if not encoding else _old_opaque(reading, type_id, value)
-    raise RemoteWireError(JsonCause.STRUCTURE, f"a structure without its type: {value!r:.80}")
+    raise RemoteWireError(JsonCause.STRUCTURE, f"a structure without its type: {shown(value)}")
 
 
 def _old_opaque(reading: Reading, type_id: NodeId, value: dict[str, Any]) -> ExtensionObject:
@@ -83,7 +83,7 @@ def _old_opaque(reading: Reading, type_id: NodeId, value: dict[str, Any]) -> Ext
 
 def _decode_opaque(reading: Reading, type_id: NodeId, encoding: Any, body: Any) -> ExtensionObject:
     if encoding not in (_BINARY, _XML):
-        raise RemoteWireError(JsonCause.STRUCTURE, f"encoding {encoding!r:.80} of a structure")
+        raise RemoteWireError(JsonCause.STRUCTURE, f"encoding {shown(encoding)} of a structure")
     data = decode_byte_string(reading, body)
     if data is None:
         return ExtensionObject(type_id, None)
@@ -107,7 +107,7 @@ def decode_structure(reading: Reading, type_id: NodeId, members: Any) -> Extensi
         except LocalWireError as error:  # a value that JSON can hold and UADP cannot
             raise RemoteWireError(JsonCause.STRUCTURE, str(error)[:200]) from None
     if members.__class__ is not dict:
-        raise RemoteWireError(JsonCause.VALUE_TYPE, f"{members!r:.80} is no structure")
+        raise RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(members)} is no structure")
     reading.note(Leniency.STRUCTURE_UNDESCRIBED)
     return ExtensionObject(type_id, JsonBody(orjson.dumps(members)))
 
@@ -194,7 +194,7 @@ def _pack(reading: Reading, out: bytearray, description: StructureDescription, v
     if value is None:
         value = {}
     if value.__class__ is not dict:
-        raise RemoteWireError(JsonCause.VALUE_TYPE, f"{value!r:.80} is no structure")
+        raise RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(value)} is no structure")
     fields = description.fields
     if description.structure_type == StructureType.WITH_OPTIONAL_FIELDS:
         optional = [field for field in fields if field.is_optional]
@@ -251,7 +251,8 @@ def _pack_bare_union(
                 return True
         except RemoteWireError:
             continue
-    raise RemoteWireError(JsonCause.STRUCTURE, f"{value!r:.80} is no value of the union {description.name.name!r:.80}")
+    union = shown(description.name.name)
+    raise RemoteWireError(JsonCause.STRUCTURE, f"{shown(value)} is no value of the union {union}")
 
 
 def _pack_member(
@@ -267,7 +268,7 @@ def _pack_member(
             encode_length(out, -1)
             return True
         if item.__class__ is not list:
-            raise RemoteWireError(JsonCause.VALUE_TYPE, f"{item!r:.80} is no array")
+            raise RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(item)} is no array")
         encode_length(out, len(item))
         return all(_pack_element(reading, out, resolved, part, level) for part in cast("list[Any]", item))
     return _pack_matrix(reading, out, resolved, item, level)
@@ -281,7 +282,7 @@ def _pack_matrix(reading: Reading, out: bytearray, resolved: Resolved, item: Any
     # The shape alone: its elements are looked at below.
     _, matrix = variants.decode_shape(reading, item)
     if not isinstance(matrix, Matrix):
-        raise RemoteWireError(JsonCause.DIMENSIONS, f"{item!r:.80} is no matrix")
+        raise RemoteWireError(JsonCause.DIMENSIONS, f"{shown(item)} is no matrix")
     encode_uint32s(out, matrix.dimensions)
     return all(_pack_element(reading, out, resolved, part, level) for part in matrix.values)
 

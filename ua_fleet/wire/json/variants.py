@@ -13,7 +13,7 @@ from ua_fleet.wire.json import structures
 from ua_fleet.wire.json.causes import JsonCause, Leniency
 from ua_fleet.wire.json.data_types import NO_TYPES, DataTypes
 from ua_fleet.wire.json.dates import decode_date, encode_date
-from ua_fleet.wire.json.parsing import Reading
+from ua_fleet.wire.json.parsing import Reading, shown
 from ua_fleet.wire.json.scalars import (
     SCALAR_DECODERS,
     SCALAR_ENCODERS,
@@ -73,7 +73,7 @@ class Writing(NamedTuple):
 
 
 def _wrong(what: str, value: Any) -> RemoteWireError:
-    return RemoteWireError(JsonCause.VALUE_TYPE, f"{value!r:.80} is no {what}")
+    return RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(value)} is no {what}")
 
 
 # --- arrays and matrices
@@ -142,7 +142,7 @@ def decode_element(reading: Reading, kind: int, value: Any) -> Any:
         return structures.decode_extension_object(reading, value)
     if kind == BuiltinType.DIAGNOSTIC_INFO:
         return _decode_diagnostic_info(reading, value)
-    raise RemoteWireError(JsonCause.UA_TYPE, f"built-in type {kind!r:.80}")
+    raise RemoteWireError(JsonCause.UA_TYPE, f"built-in type {shown(kind)}")
 
 
 def decode_value(reading: Reading, kind: int, value: Any, dimensions: Any = None) -> tuple[int, Any]:
@@ -167,7 +167,7 @@ def decode_shape(reading: Reading, value: Any, dimensions: Any = None) -> tuple[
             raise _wrong("array", value)
     if value.__class__ is not list:
         if dimensions:
-            raise RemoteWireError(JsonCause.DIMENSIONS, f"{value!r:.80} with dimensions")
+            raise RemoteWireError(JsonCause.DIMENSIONS, f"{shown(value)} with dimensions")
         return 0, value
     if dimensions is None and value and value[0].__class__ is list:
         reading.note(Leniency.OLD_MATRIX)
@@ -184,7 +184,7 @@ def decode_shape(reading: Reading, value: Any, dimensions: Any = None) -> tuple[
 
 def _decode_dimensions(reading: Reading, dimensions: Any) -> tuple[int, ...]:
     if dimensions.__class__ is not list or len(dimensions) > MOST_DIMENSIONS:
-        raise RemoteWireError(JsonCause.DIMENSIONS, f"{dimensions!r:.80}")
+        raise RemoteWireError(JsonCause.DIMENSIONS, f"{shown(dimensions)}")
     return tuple([decode_integer(reading, BuiltinType.INT32, dimension) for dimension in dimensions])
 
 
@@ -246,12 +246,12 @@ def decode_variant(reading: Reading, value: Any) -> Variant:
         return _read_variant(reading, value["Type"], value.get("Body"), value.get("Dimensions"))
     if not value:
         return Variant(0, None)
-    raise RemoteWireError(JsonCause.UA_TYPE, f"a Variant without its type: {value!r:.80}")
+    raise RemoteWireError(JsonCause.UA_TYPE, f"a Variant without its type: {shown(value)}")
 
 
 def _read_variant(reading: Reading, kind: Any, value: Any, dimensions: Any) -> Variant:
     if kind.__class__ is not int or not 0 <= kind <= BuiltinType.DIAGNOSTIC_INFO:
-        raise RemoteWireError(JsonCause.UA_TYPE, f"built-in type {kind!r:.80}")
+        raise RemoteWireError(JsonCause.UA_TYPE, f"built-in type {shown(kind)}")
     if not kind:
         return Variant(0, None)
     if value is None and dimensions is None:

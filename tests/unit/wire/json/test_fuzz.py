@@ -30,11 +30,15 @@ from ua_fleet.wire.json import (
     JsonCause,
     Layout,
     Limits,
+    Reading,
     decode_json,
     encode_action,
     encode_announcement,
     encode_data,
 )
+from ua_fleet.wire.json.data_messages import decode_data
+from ua_fleet.wire.json.parsing import parse
+from ua_fleet.wire.json.usual_message import decode_usual_message
 from ua_fleet.wire.messages import DataSetMessage, FieldMetaData, FrameKind
 
 SHARES = 4
@@ -218,6 +222,46 @@ def test_only_the_typed_remote_error_escapes(share: int) -> None:
     assert len(refused) >= 11
     assert causes["decoded"] > MUTATIONS // SHARES // 10
     assert sum(causes[cause] for cause in refused) + causes["decoded"] == MUTATIONS // SHARES
+
+
+def outcome(read: Callable[[], Any]) -> str:
+    try:
+        return repr(read())
+    except RemoteWireError as error:
+        return error.cause
+
+
+def test_the_usual_way_reads_what_the_general_way_reads() -> None:
+    """Messages of which most go the usual way, mutated: both ways return the same, leniencies and causes included."""
+    whole = encode_data(data(KEY), [EVERYTHING])
+    small = {"MessageId": "1", "MessageType": "ua-data", "PublisherId": "2", "WriterGroupName": "g"}
+    version = {"MajorVersion": 800_000_000, "MinorVersion": 1}
+    part = {"DataSetWriterId": 9, "DataSetWriterName": "w", "SequenceNumber": 1, "MetaDataVersion": version}
+    part |= {"Timestamp": "2024-01-17T21:20:00Z", "Status": {}, "MessageType": "ua-keyframe", "Payload": {"Active": 1}}
+    trees = [orjson.loads(whole), small | {"Messages": [part]}]
+    texts = [orjson.dumps(tree) for tree in trees]
+    chance = random.Random(20_261_129)
+    usual = Counter[bool]()
+    for _ in range(4_000):
+        text = mutate(chance, texts, trees)
+        if b'"ua-data"' not in text:
+            continue
+
+        def general(text: bytes = text) -> Any:
+            reading = Reading()
+            return decode_data(reading, parse(text, reading), fields_of, SOURCE)
+
+        def both(text: bytes = text) -> Any:
+            return decode_json(text, fields_of, action_fields_of, SOURCE)
+
+        assert outcome(both) == outcome(general)
+        try:
+            tree = parse(text, Reading())
+            usual[decode_usual_message(Reading(), tree, fields_of, SOURCE) is not None] += 1
+        except (RemoteWireError, AttributeError):
+            continue
+    assert usual[True] > 200
+    assert usual[False] > 300
 
 
 def test_noise() -> None:

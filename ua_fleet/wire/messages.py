@@ -85,7 +85,7 @@ class DataSetMessage(NamedTuple):
     field_source_picoseconds: tuple[int | None, ...] | None = None
     field_server_picoseconds: tuple[int | None, ...] | None = None
     raw: bytes | None = None
-    """The undecoded fields of a RawData message: only its metadata tells their types."""
+    """The undecoded fields of a RawData message, or a payload of JSON as text: only metadata tells their types."""
     valid: bool = True
     """Bit 0 of DataSetFlags1: a message without it is to be ignored."""
 

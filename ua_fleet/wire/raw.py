@@ -9,7 +9,7 @@ from ua_fleet.errors import RemoteWireError
 from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType, Matrix
 from ua_fleet.wire.causes import Cause
 from ua_fleet.wire.cursor import DEEPEST_NESTING, Cursor
-from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldMetaData, FrameKind
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldEncoding, FieldMetaData, FrameKind
 from ua_fleet.wire.variant import DECODERS, SMALLEST
 
 __all__ = ["decode_raw_fields"]
@@ -37,10 +37,10 @@ FORBIDDEN: Final = frozenset(
 def decode_raw_fields(message: DataSetMessage, metadata: DataSetMetaData) -> DataSetMessage:
     """The message with its `raw` bytes decoded into `types` and `values`; raises RemoteWireError.
 
-    A message without raw bytes is returned as it is. Whether the metadata is of the right version is the caller's to
-    know.
+    A message without raw bytes, or with those of another encoding (JSON), is returned as it is. Whether the metadata is
+    of the right version is the caller's to know.
     """
-    if message.raw is None:
+    if message.raw is None or message.encoding != FieldEncoding.RAW_DATA:
         return message
     cursor = Cursor(message.raw)
     if message.kind == FrameKind.DELTA:

@@ -12,7 +12,7 @@ import pytest
 from tests.unit.wire.json.samples import EVERYTHING, FIELDS, KEY, METADATA, NOON, SOURCE, TYPES, VALUES, VERSION, data
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import DataValue, Variant
-from ua_fleet.wire import Codec
+from ua_fleet.wire import Codec, decode_raw_fields
 from ua_fleet.wire.data_set_message import with_data_values
 from ua_fleet.wire.json import (
     DATA_SET_MESSAGE,
@@ -213,6 +213,7 @@ def test_without_metadata_a_payload_is_kept_until_it_comes() -> None:
     assert orjson.loads(encode_data(back, [None])) == orjson.loads(text)
     with pytest.raises(LocalWireError):
         Codec().encode(back.message)
+    assert decode_raw_fields(message, METADATA) == message
 
 
 @pytest.mark.parametrize(

@@ -101,6 +101,8 @@ class Leniency(StrEnum):
     """A matrix as nested arrays."""
     OLD_UNION = "old_union"
     """A union with its value in `Value` (ReversibleEncoding), or as the bare value (NonReversibleEncoding)."""
+    STATUS_CODE_MEMBER = "status_code_member"
+    """The status of a DataValue in `StatusCode`; it is `Status`."""
     OLD_PICOSECONDS = "old_picoseconds"
     """`SourcePicoSeconds` and `ServerPicoSeconds`, as edition 1.04 spells them."""
     NAMESPACE_UNKNOWN = "namespace_unknown"

@@ -15,6 +15,7 @@ from ua_fleet.wire.json.data_types import NO_TYPES, DataTypes
 from ua_fleet.wire.json.dates import decode_date, encode_date
 from ua_fleet.wire.json.parsing import Reading, shown
 from ua_fleet.wire.json.scalars import (
+    DEFAULTS,
     SCALAR_DECODERS,
     SCALAR_ENCODERS,
     decode_integer,
@@ -48,6 +49,7 @@ VARIANT_MEMBERS: Final = frozenset({"UaType", "Value", "Dimensions"})
 _SIDE_MEMBERS: Final = frozenset(
     {
         "Status",
+        "StatusCode",
         "SourceTimestamp",
         "SourcePicoseconds",
         "SourcePicoSeconds",
@@ -59,7 +61,10 @@ _SIDE_MEMBERS: Final = frozenset(
 DATA_VALUE_MEMBERS: Final = VARIANT_MEMBERS | _SIDE_MEMBERS
 
 _NEVER_NULL: Final = frozenset(range(BuiltinType.BOOLEAN, BuiltinType.STRING)) | {BuiltinType.STATUS_CODE}
-"""Built-in types that have no null (OPC 10000-6 table 1), so a Variant of one without a Value is a null array."""
+"""Built-in types that have no null (OPC 10000-6 table 1): a Variant of one without a Value has the default of its type,
+which the CompactEncoding of others leaves out, and one with a Value of null is a null array."""
+
+_ABSENT: Final = object()
 
 
 class Writing(NamedTuple):
@@ -227,7 +232,7 @@ def _write_variant(writing: Writing, value: Variant, out: dict[str, Any]) -> Non
     if not writing.raw:
         out["UaType"] = kind
     held, dimensions = encode_value(writing, value.type, value.value)
-    if held is not None:
+    if held is not None or kind in _NEVER_NULL:
         out["Value"] = held
     if dimensions is not None:
         out["Dimensions"] = dimensions
@@ -240,10 +245,10 @@ def decode_variant(reading: Reading, value: Any) -> Variant:
     if value.__class__ is not dict:
         raise _wrong("Variant", value)
     if "UaType" in value:
-        return _read_variant(reading, value["UaType"], value.get("Value"), value.get("Dimensions"))
+        return _read_variant(reading, value["UaType"], value.get("Value", _ABSENT), value.get("Dimensions"))
     if "Type" in value:
         reading.note(Leniency.OLD_VARIANT)
-        return _read_variant(reading, value["Type"], value.get("Body"), value.get("Dimensions"))
+        return _read_variant(reading, value["Type"], value.get("Body", _ABSENT), value.get("Dimensions"))
     if not value:
         return Variant(0, None)
     raise RemoteWireError(JsonCause.UA_TYPE, f"a Variant without its type: {shown(value)}")
@@ -254,11 +259,13 @@ def _read_variant(reading: Reading, kind: Any, value: Any, dimensions: Any) -> V
         raise RemoteWireError(JsonCause.UA_TYPE, f"built-in type {shown(kind)}")
     if not kind:
         return Variant(0, None)
-    if value is None and dimensions is None:
+    if (value is None or value is _ABSENT) and dimensions is None:
         if kind == BuiltinType.VARIANT:
             return Variant(0, None)
         if kind in _NEVER_NULL:
-            return Variant(kind | ARRAY, None)
+            return Variant(kind, DEFAULTS[kind]) if value is _ABSENT else Variant(kind | ARRAY, None)
+    if value is _ABSENT:
+        value = None
     if kind == BuiltinType.VARIANT and value.__class__ is not list:
         raise RemoteWireError(JsonCause.UA_TYPE, "a Variant in a Variant")
     return Variant(*decode_value(reading, kind, value, dimensions))
@@ -297,7 +304,7 @@ def decode_data_value(reading: Reading, value: Any) -> DataValue:
         raise _wrong("DataValue", value)
     variant: Variant | None
     if "UaType" in value:
-        variant = _read_variant(reading, value["UaType"], value.get("Value"), value.get("Dimensions"))
+        variant = _read_variant(reading, value["UaType"], value.get("Value", _ABSENT), value.get("Dimensions"))
     else:
         variant = decode_variant(reading, value.get("Value"))
     return read_sides(reading, value, variant if variant.type else None)
@@ -306,6 +313,9 @@ def decode_data_value(reading: Reading, value: Any) -> DataValue:
 def read_sides(reading: Reading, value: dict[str, Any], variant: Variant | None) -> DataValue:
     """The DataValue with status and times of an object; an absent status is Good."""
     status = value.get("Status")
+    if status is None and "StatusCode" in value:
+        reading.note(Leniency.STATUS_CODE_MEMBER)
+        status = value["StatusCode"]
     source, server = value.get("SourceTimestamp"), value.get("ServerTimestamp")
     return DataValue(
         variant,

@@ -132,6 +132,17 @@ def test_the_variant_and_data_value_of_the_older_form() -> None:
     assert set(reading.leniencies) == {Leniency.OLD_VARIANT, Leniency.OLD_STATUS_CODE, Leniency.OLD_PICOSECONDS}
 
 
+def test_what_ua_net_standard_leaves_out_and_calls_otherwise() -> None:
+    """Its Compact form has no Value where that is the default of its type, and its DataValues had a `StatusCode`."""
+    reading = Reading()
+    assert decode_variant(reading, {"UaType": 11}) == Variant(11, 0.0)
+    assert decode_variant(reading, {"UaType": 19}) == Variant(19, 0)
+    assert not reading.leniencies
+    value = {"UaType": 7, "Value": 12345678, "StatusCode": {"Code": 2157772800, "Symbol": "BadDataLost"}}
+    assert decode_data_value(reading, value) == DataValue(Variant(7, 12345678), 2157772800)
+    assert reading.leniencies == {Leniency.STATUS_CODE_MEMBER: 1}
+
+
 def test_matrices_in_three_forms() -> None:
     matrix = Matrix((1, 2, 3, 4), (2, 2))
     reading = Reading()

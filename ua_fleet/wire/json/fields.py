@@ -31,6 +31,7 @@ from ua_fleet.wire.json.structures import (
 )
 from ua_fleet.wire.json.variants import (
     DATA_VALUE_MEMBERS,
+    NEVER_NULL,
     VARIANT_MEMBERS,
     Writing,
     decode_data_value,
@@ -67,6 +68,13 @@ class FieldValue(NamedTuple):
 NO_VALUE: Final = FieldValue(0, None)
 
 _STATUS: Final = BuiltinType.STATUS_CODE
+_EMPTY_OBJECTS: Final = (
+    _STATUS,
+    BuiltinType.LOCALIZED_TEXT,
+    BuiltinType.EXTENSION_OBJECT,
+    BuiltinType.DIAGNOSTIC_INFO,
+)
+"""Types of which `{}` is a value."""
 _STATUS_MEMBERS: Final = frozenset({"Code", "Symbol"})
 _OLD_VARIANT_MEMBERS: Final = frozenset({"Type", "Body", "Dimensions"})
 _STRUCTURE_MEMBERS: Final = frozenset({"EncodingMask", "SwitchField", "UaTypeId"})
@@ -121,10 +129,17 @@ def _planned(field: FieldMetaData, types: DataTypes) -> Field:
 def decode_field(reading: Reading, field: Field, item: Any) -> FieldValue:
     """A field in any form."""
     if item is None:
-        return NO_VALUE
+        return FieldValue(*_decode_null(reading, field))
     if item.__class__ is dict:
         return _decode_object(reading, field, item)
     return FieldValue(*_decode_bare(reading, field, item))
+
+
+def _decode_null(reading: Reading, field: Field) -> tuple[int, Any]:
+    """What null stands for: the null of a type that has one, otherwise that there is no value."""
+    if field.is_abstract or (field.kind in (*NEVER_NULL, BuiltinType.DIAGNOSTIC_INFO) and not field.code & ARRAY):
+        return 0, None
+    return field.code, None if field.code & ARRAY else decode_element(reading, field.kind, None)
 
 
 def _decode_object(reading: Reading, field: Field, item: dict[str, Any]) -> FieldValue:
@@ -156,7 +171,7 @@ def _with_sides(reading: Reading, item: dict[str, Any], variant: Variant, bare: 
 
 def _decode_empty(reading: Reading, field: Field, item: dict[str, Any]) -> FieldValue:
     """`{}`: Good, a null text or structure, otherwise a DataValue without all of its parts."""
-    if field.kind in (_STATUS, BuiltinType.LOCALIZED_TEXT, BuiltinType.EXTENSION_OBJECT) and not field.is_abstract:
+    if field.kind in _EMPTY_OBJECTS and not field.is_abstract:
         return FieldValue(*_decode_bare(reading, field, item))
     return FieldValue(0, None, DataValue(None))
 
@@ -164,7 +179,7 @@ def _decode_empty(reading: Reading, field: Field, item: dict[str, Any]) -> Field
 def _decode_data_value(reading: Reading, field: Field, item: dict[str, Any]) -> FieldValue:
     inner = item.get("Value")
     if inner is None:
-        variant = Variant(0, None)
+        variant = Variant(*_decode_null(reading, field)) if "Value" in item else Variant(0, None)
     elif inner.__class__ is dict and ("UaType" in inner or ("Type" in inner and "Body" in inner)):
         variant = decode_variant(reading, inner)
     else:

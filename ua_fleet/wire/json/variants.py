@@ -27,6 +27,7 @@ from ua_fleet.wire.packed import LETTERS, is_packed
 
 __all__ = [
     "DATA_VALUE_MEMBERS",
+    "NEVER_NULL",
     "VARIANT_MEMBERS",
     "Writing",
     "decode_data_value",
@@ -60,7 +61,7 @@ _SIDE_MEMBERS: Final = frozenset(
 )
 DATA_VALUE_MEMBERS: Final = VARIANT_MEMBERS | _SIDE_MEMBERS
 
-_NEVER_NULL: Final = frozenset(range(BuiltinType.BOOLEAN, BuiltinType.STRING)) | {BuiltinType.STATUS_CODE}
+NEVER_NULL: Final = frozenset(range(BuiltinType.BOOLEAN, BuiltinType.STRING)) | {BuiltinType.STATUS_CODE}
 """Built-in types that have no null (OPC 10000-6 table 1): a Variant of one without a Value has the default of its type,
 which the CompactEncoding of others leaves out, and one with a Value of null is a null array."""
 
@@ -232,7 +233,7 @@ def _write_variant(writing: Writing, value: Variant, out: dict[str, Any]) -> Non
     if not writing.raw:
         out["UaType"] = kind
     held, dimensions = encode_value(writing, value.type, value.value)
-    if held is not None or kind in _NEVER_NULL:
+    if held is not None or kind in NEVER_NULL:
         out["Value"] = held
     if dimensions is not None:
         out["Dimensions"] = dimensions
@@ -262,7 +263,7 @@ def _read_variant(reading: Reading, kind: Any, value: Any, dimensions: Any) -> V
     if (value is None or value is _ABSENT) and dimensions is None:
         if kind == BuiltinType.VARIANT:
             return Variant(0, None)
-        if kind in _NEVER_NULL:
+        if kind in NEVER_NULL:
             return Variant(kind, DEFAULTS[kind]) if value is _ABSENT else Variant(kind | ARRAY, None)
     if value is _ABSENT:
         value = None

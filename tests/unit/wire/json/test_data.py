@@ -383,6 +383,7 @@ def test_a_plan_writes_integers_of_doubles() -> None:
     [
         {"a": 1.5, "b": 2, "c": "x"},
         {"a": 1, "b": 2, "c": None},
+        {"a": None, "b": 2, "c": "x"},
         {"a": "NaN", "b": "2", "c": "x"},
         {"a": {"UaType": 11, "Value": 1.5}, "b": {"UaType": 6, "Value": 2}, "c": {"UaType": 12, "Value": "x"}},
         {"a": {"UaType": 11, "Value": 1.5}, "b": {"UaType": 19, "Value": {"Code": 5}}, "c": {"UaType": 12}},

@@ -103,6 +103,8 @@ class Leniency(StrEnum):
     """A union with its value in `Value` (ReversibleEncoding), or as the bare value (NonReversibleEncoding)."""
     STATUS_CODE_MEMBER = "status_code_member"
     """The status of a DataValue in `StatusCode`; it is `Status`."""
+    UA_DIMENSIONS = "ua_dimensions"
+    """The dimensions of a matrix in `UaDimensions`; they are `Dimensions`."""
     OLD_PICOSECONDS = "old_picoseconds"
     """`SourcePicoSeconds` and `ServerPicoSeconds`, as edition 1.04 spells them."""
     NAMESPACE_UNKNOWN = "namespace_unknown"

@@ -10,7 +10,7 @@ from ua_fleet.wire.json.announcements import ANNOUNCEMENTS, JsonAnnouncement, de
 from ua_fleet.wire.json.causes import JsonCause
 from ua_fleet.wire.json.data_messages import DATA, UNKNOWN_SOURCE, FieldsOf, JsonData, Layout, Source, decode_data
 from ua_fleet.wire.json.data_sets import DataSetFields
-from ua_fleet.wire.json.parsing import DEFAULT_LIMITS, Limits, Reading, parse, shown
+from ua_fleet.wire.json.parsing import BYTE_ORDER_MARK, DEFAULT_LIMITS, Limits, Reading, check_depth, load, parse, shown
 from ua_fleet.wire.json.usual_message import decode_usual_message
 
 __all__ = ["JsonDecoded", "decode_json"]
@@ -38,20 +38,26 @@ def decode_json(
 
     Args:
         text: the message as it came.
-        fields_of: tells the fields of a DataSetWriter; payloads of one for which it returns None stay text.
+        fields_of: tells the fields of a DataSetWriter; payloads of one for which it returns None stay text. It may be
+            asked twice for one message.
         action_fields_of: the same for Actions.
         source: what is known of the sender without the headers, from the topic for example.
         layout: which headers data has; without it they are told by what stands there.
         limits: what a message may have at most.
     """
-    reading = Reading()
-    tree = parse(text, reading, limits)
-    if tree.__class__ is dict and (layout is None or layout.network_header):
-        kind = tree.get("MessageType")
-        if kind == DATA and layout is None:
-            usual = decode_usual_message(reading, tree, fields_of, source)
+    if layout is None and not text.startswith(BYTE_ORDER_MARK):
+        tree = load(text, limits)
+        if tree.__class__ is dict and tree.get("MessageType") == DATA:
+            usual = decode_usual_message(tree, fields_of, source)
             if usual is not None:
                 return usual
+        reading = Reading()
+        check_depth(text, tree, limits)
+    else:
+        reading = Reading()
+        tree = parse(text, reading, limits)
+    if tree.__class__ is dict and (layout is None or layout.network_header):
+        kind = tree.get("MessageType")
         if kind in (REQUEST, RESPONSE) and not _is_data_set_message(tree):
             return decode_action(reading, tree, action_fields_of)
         if kind.__class__ is str and kind in ANNOUNCEMENTS:

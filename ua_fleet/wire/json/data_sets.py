@@ -15,7 +15,7 @@ from ua_fleet.values import DataValue, Variant
 from ua_fleet.wire.data_set_message import with_data_values
 from ua_fleet.wire.json.causes import JsonCause, Leniency
 from ua_fleet.wire.json.data_types import DataTypes
-from ua_fleet.wire.json.field_plan import FieldPlans, compile_fields
+from ua_fleet.wire.json.field_plan import FieldPlan, FieldPlans, compile_fields
 from ua_fleet.wire.json.fields import (
     NO_VALUE,
     FieldValue,
@@ -38,7 +38,7 @@ JSON_PAYLOAD: Final = 4
 class DataSetFields:
     """Reads and writes the payload of the DataSetMessages of one metadata."""
 
-    __slots__ = ("_positions", "_preferred", "fields", "metadata", "plans", "types")
+    __slots__ = ("_adopted", "_positions", "_preferred", "_reading", "fields", "metadata", "plans", "types")
 
     def __init__(self, metadata: DataSetMetaData) -> None:
         """Plan the fields; raises RemoteWireError where the metadata contradicts itself."""
@@ -47,6 +47,8 @@ class DataSetFields:
         self.fields = planned_fields(metadata, self.types)
         self.plans: FieldPlans = compile_fields(self.fields)
         self._preferred = self.plans
+        self._adopted: FieldPlan | None = None
+        self._reading = Reading(metadata.namespaces, self.types)  # of plans, which forgive nothing
         self._positions = {field.name: index for index, field in enumerate(self.fields)}
 
     def writing(self, form: Form) -> Writing:
@@ -65,18 +67,19 @@ class DataSetFields:
         if payload.__class__ is not dict:
             raise RemoteWireError(JsonCause.SHAPE, f"a payload that is no object: {shown(payload)}")
         if message.kind != FrameKind.DELTA:
-            planned = self.planned(reading, payload)
+            planned = self.planned(payload)
             if planned is not None:
                 return message._replace(types=planned[0], values=planned[1])
         return self.decode_by_names(reading, message, payload)
 
-    def planned(self, reading: Reading, payload: dict[str, Any]) -> tuple[tuple[int, ...], tuple[Any, ...]] | None:
+    def planned(self, payload: dict[str, Any]) -> tuple[tuple[int, ...], tuple[Any, ...]] | None:
         """Types and values of a payload that has all fields, in their order and in a usual form; None for another."""
-        reading.namespaces, reading.types = self.metadata.namespaces, self.types
         for plan in self._preferred:
-            values = plan.decode(reading, payload)
+            values = plan.decode(self._reading, payload)
             if values is not None:
-                if plan is not self._preferred[0]:
+                if plan is not self._adopted:
+                    plan.names[:] = payload  # orjson gives the same texts again, which makes comparing them quick
+                    self._adopted = plan
                     self._preferred = (plan, *[other for other in self.plans if other is not plan])
                 return plan.types, values
         return None

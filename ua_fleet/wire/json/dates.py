@@ -39,6 +39,8 @@ def _text_of(second: int) -> str:
 @lru_cache(maxsize=1024)
 def _ticks_of(text: str) -> int:
     """The ticks of `YYYY-MM-DDTHH:MM:SS`; raises ValueError."""
+    if text[10] != "T":
+        raise ValueError(text)
     delta = datetime.fromisoformat(text).replace(tzinfo=UTC) - _EPOCH
     return (delta.days * 86_400 + delta.seconds) * TICKS_PER_SECOND
 
@@ -55,14 +57,17 @@ def encode_date(ticks: Any) -> str:
 
 def usual_date(value: str) -> int:
     """The ticks of a DateTime in one of the two forms that we write; raises ValueError for any other."""
-    if value[-1:] == "Z" and value[10:11] == "T":
-        size = len(value)
-        if size == 20:
-            return _within(_ticks_of(value[:19]))
+    size = len(value)
+    if size == 28:
         fraction = value[20:27]
-        if size == 28 and value[19] == "." and fraction.isascii() and fraction.isdigit():
-            return _within(_ticks_of(value[:19]) + int(fraction))
-    raise ValueError(value)
+        if value[27] != "Z" or value[19] != "." or not fraction.isascii() or not fraction.isdigit():
+            raise ValueError(value)
+        ticks = _ticks_of(value[:19]) + int(fraction)
+    elif size == 20 and value[19] == "Z":
+        ticks = _ticks_of(value[:19])
+    else:
+        raise ValueError(value)
+    return ticks if 0 < ticks < _FIRST_BEYOND else _within(ticks)
 
 
 def decode_date(reading: Reading, value: Any) -> int:

@@ -50,6 +50,8 @@ class FieldPlan(NamedTuple):
     """How payloads of one form are read."""
 
     types: tuple[int, ...]
+    names: list[str]
+    """The names of the fields, which the plan compares with those of a payload."""
     decode: Callable[[Reading, dict[str, Any]], tuple[Any, ...] | None]
 
 
@@ -61,10 +63,10 @@ def compile_fields(fields: Sequence[Field]) -> FieldPlans:
     if not 0 < len(fields) <= MOST_PLANNED_FIELDS or any(field.is_abstract for field in fields):
         return ()
     types = tuple([field.code for field in fields])
-    return tuple([FieldPlan(types, _decoder(fields, is_compact=is_compact)) for is_compact in (False, True)])
+    return tuple([_plan(fields, types, is_compact=is_compact) for is_compact in (False, True)])
 
 
-def _decoder(fields: Sequence[Field], *, is_compact: bool) -> Callable[[Reading, dict[str, Any]], Any]:
+def _plan(fields: Sequence[Field], types: tuple[int, ...], *, is_compact: bool) -> FieldPlan:
     names: dict[str, Any] = {
         "GIVE_UP": GIVE_UP,
         "NAMES": [field.name for field in fields],
@@ -87,8 +89,7 @@ def _decoder(fields: Sequence[Field], *, is_compact: bool) -> Callable[[Reading,
     lines += [f"  {line}" for line in body]
     lines += [" except GIVE_UP:", "  return None"]
     exec(compile("\n".join(lines), "<json field plan>", "exec"), names)  # noqa: S102 - made of our own words and numbers
-    decode: Callable[[Reading, dict[str, Any]], Any] = names["decode"]
-    return decode
+    return FieldPlan(types, names["NAMES"], names["decode"])
 
 
 def _checks(v: str, field: Field, names: dict[str, Any], *, is_compact: bool) -> list[str]:
@@ -163,20 +164,19 @@ def write_fields(fields: Sequence[Field], types: tuple[int, ...], writing: Writi
         checked = False
     members: list[str] = []
     for index, (variable, field, code) in enumerate(zip(variables, fields, types, strict=True)):
-        names[f"name{index}"] = field.name
         item = variable
         if code != field.code or code not in _PLAIN or field.names is not None:
             names[f"field{index}"] = field
             lines.append(f"{variable} = encode_general(writing, field{index}, {code}, {variable})")
             if not writing.verbose:
                 lines.append(f"if {variable} is None: raise ValueError")
-            members.append(f"name{index}: {variable}")
+            members.append(f"{field.name!r}: {variable}")
             continue
         if not checked:
             item = _write_checks(variable, code, lines)
         if not writing.verbose:
             item = f'{{"UaType": {field.kind}, "Value": {item}}}'
-        members.append(f"name{index}: {item}")
+        members.append(f"{field.name!r}: {item}")
     return [*lines, "{" + ", ".join(members) + "}"]
 
 

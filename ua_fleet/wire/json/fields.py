@@ -38,6 +38,7 @@ from ua_fleet.wire.json.variants import (
     decode_element,
     decode_shape,
     decode_variant,
+    dimensions_of,
     encode_element,
     encode_value,
     encode_variant,
@@ -183,7 +184,7 @@ def _decode_data_value(reading: Reading, field: Field, item: dict[str, Any]) -> 
     elif inner.__class__ is dict and ("UaType" in inner or ("Type" in inner and "Body" in inner)):
         variant = decode_variant(reading, inner)
     else:
-        variant = Variant(*_decode_bare(reading, field, inner, item.get("Dimensions")))
+        variant = Variant(*_decode_bare(reading, field, inner, dimensions_of(reading, item)))
     # RawData writes a Variant of an abstract field without its type: then there is no DataValue around it.
     bare = VARIANT_MEMBERS if field.is_abstract else frozenset[str]()
     return _with_sides(reading, item, variant, bare)

@@ -14,9 +14,9 @@ from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.wire.json.causes import JsonCause, Leniency
 from ua_fleet.wire.json.data_types import NO_TYPES, DataTypes
 
-__all__ = ["DEFAULT_LIMITS", "Limits", "Reading", "dump", "parse", "shown"]
+__all__ = ["BYTE_ORDER_MARK", "DEFAULT_LIMITS", "Limits", "Reading", "check_depth", "dump", "load", "parse", "shown"]
 
-_BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
+BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 
 
 class Limits(NamedTuple):
@@ -48,23 +48,35 @@ class Reading:
         self.leniencies[leniency] = self.leniencies.get(leniency, 0) + 1
 
 
-def parse(text: bytes, reading: Reading, limits: Limits = DEFAULT_LIMITS) -> Any:
-    """The value of a JSON text; raises RemoteWireError."""
-    if len(text) > limits.bytes:
-        raise RemoteWireError(JsonCause.SIZE, f"{len(text)} bytes, at most {limits.bytes}")
-    openers = text.count(b"{") + text.count(b"[")
-    # Commas in texts count too, so the budget is a bound and no exact number.
-    if openers + text.count(b",") > limits.elements:
-        raise RemoteWireError(JsonCause.ELEMENTS, f"more than {limits.elements} members and elements")
-    if text.startswith(_BYTE_ORDER_MARK):
-        reading.note(Leniency.BYTE_ORDER_MARK)
-        text = text[len(_BYTE_ORDER_MARK) :]
+def load(text: bytes, limits: Limits = DEFAULT_LIMITS) -> Any:
+    """The value of a JSON text, however deep; raises RemoteWireError. `check_depth` has to follow, or no recursion."""
+    size = len(text)
+    if size > limits.elements:  # no element takes less than a byte, so a shorter text needs no count
+        if size > limits.bytes:
+            raise RemoteWireError(JsonCause.SIZE, f"{size} bytes, at most {limits.bytes}")
+        # Commas in texts count too, so the budget is a bound and no exact number.
+        if text.count(b"{") + text.count(b"[") + text.count(b",") > limits.elements:
+            raise RemoteWireError(JsonCause.ELEMENTS, f"more than {limits.elements} members and elements")
     try:
-        value = orjson.loads(text)
+        return orjson.loads(text)
     except (orjson.JSONDecodeError, RecursionError) as error:
         raise RemoteWireError(JsonCause.SYNTAX, str(error)[:200]) from None
-    if openers > limits.depth and _may_be_deeper(text, limits.depth) and _is_deeper(value, limits.depth):
-        raise RemoteWireError(JsonCause.DEPTH, f"more than {limits.depth} objects and arrays in each other")
+
+
+def check_depth(text: bytes, value: Any, limits: Limits = DEFAULT_LIMITS) -> None:
+    """Raise RemoteWireError where a value is nested too deep."""
+    depth = limits.depth
+    if text.count(b"{") + text.count(b"[") > depth and _may_be_deeper(text, depth) and _is_deeper(value, depth):
+        raise RemoteWireError(JsonCause.DEPTH, f"more than {depth} objects and arrays in each other")
+
+
+def parse(text: bytes, reading: Reading, limits: Limits = DEFAULT_LIMITS) -> Any:
+    """The value of a JSON text; raises RemoteWireError."""
+    if text.startswith(BYTE_ORDER_MARK):
+        reading.note(Leniency.BYTE_ORDER_MARK)
+        text = text[len(BYTE_ORDER_MARK) :]
+    value = load(text, limits)
+    check_depth(text, value, limits)
     return value
 
 

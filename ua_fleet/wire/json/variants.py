@@ -35,6 +35,7 @@ __all__ = [
     "decode_shape",
     "decode_value",
     "decode_variant",
+    "dimensions_of",
     "encode_data_value",
     "encode_element",
     "encode_value",
@@ -46,7 +47,7 @@ __all__ = [
 TYPE_BITS: Final = 0x3F
 MOST_DIMENSIONS: Final = 16
 
-VARIANT_MEMBERS: Final = frozenset({"UaType", "Value", "Dimensions"})
+VARIANT_MEMBERS: Final = frozenset({"UaType", "Value", "Dimensions", "UaDimensions"})
 _SIDE_MEMBERS: Final = frozenset(
     {
         "Status",
@@ -63,7 +64,7 @@ DATA_VALUE_MEMBERS: Final = VARIANT_MEMBERS | _SIDE_MEMBERS
 
 NEVER_NULL: Final = frozenset(range(BuiltinType.BOOLEAN, BuiltinType.STRING)) | {BuiltinType.STATUS_CODE}
 """Built-in types that have no null (OPC 10000-6 table 1): a Variant of one without a Value has the default of its type,
-which the CompactEncoding of others leaves out, and one with a Value of null is a null array."""
+which the CompactEncoding of others leaves out."""
 
 _ABSENT: Final = object()
 
@@ -234,7 +235,7 @@ def _write_variant(writing: Writing, value: Variant, out: dict[str, Any]) -> Non
         out["UaType"] = kind
     held, dimensions = encode_value(writing, value.type, value.value)
     if held is not None or kind in NEVER_NULL:
-        out["Value"] = held
+        out["Value"] = [] if held is None else held  # a null array of numbers is an empty one
     if dimensions is not None:
         out["Dimensions"] = dimensions
 
@@ -246,13 +247,21 @@ def decode_variant(reading: Reading, value: Any) -> Variant:
     if value.__class__ is not dict:
         raise _wrong("Variant", value)
     if "UaType" in value:
-        return _read_variant(reading, value["UaType"], value.get("Value", _ABSENT), value.get("Dimensions"))
+        return _read_variant(reading, value["UaType"], value.get("Value", _ABSENT), dimensions_of(reading, value))
     if "Type" in value:
         reading.note(Leniency.OLD_VARIANT)
         return _read_variant(reading, value["Type"], value.get("Body", _ABSENT), value.get("Dimensions"))
     if not value:
         return Variant(0, None)
     raise RemoteWireError(JsonCause.UA_TYPE, f"a Variant without its type: {shown(value)}")
+
+
+def dimensions_of(reading: Reading, value: dict[str, Any]) -> Any:
+    """What an object says of the dimensions of its value; None where it says nothing."""
+    if "UaDimensions" in value:
+        reading.note(Leniency.UA_DIMENSIONS)
+        return value["UaDimensions"]
+    return value.get("Dimensions")
 
 
 def _read_variant(reading: Reading, kind: Any, value: Any, dimensions: Any) -> Variant:
@@ -264,7 +273,11 @@ def _read_variant(reading: Reading, kind: Any, value: Any, dimensions: Any) -> V
         if kind == BuiltinType.VARIANT:
             return Variant(0, None)
         if kind in NEVER_NULL:
-            return Variant(kind, DEFAULTS[kind]) if value is _ABSENT else Variant(kind | ARRAY, None)
+            if value is _ABSENT:
+                return Variant(kind, DEFAULTS[kind])
+            # null for what has no null: peers write it for NaN and infinities, which JSON has no numbers for.
+            is_float = kind in (BuiltinType.FLOAT, BuiltinType.DOUBLE)
+            return Variant(kind, decode_element(reading, kind, None)) if is_float else Variant(0, None)
     if value is _ABSENT:
         value = None
     if kind == BuiltinType.VARIANT and value.__class__ is not list:
@@ -304,10 +317,7 @@ def decode_data_value(reading: Reading, value: Any) -> DataValue:
     if value.__class__ is not dict:
         raise _wrong("DataValue", value)
     variant: Variant | None
-    if "UaType" in value:
-        variant = _read_variant(reading, value["UaType"], value.get("Value", _ABSENT), value.get("Dimensions"))
-    else:
-        variant = decode_variant(reading, value.get("Value"))
+    variant = decode_variant(reading, value) if "UaType" in value else decode_variant(reading, value.get("Value"))
     return read_sides(reading, value, variant if variant.type else None)
 
 

@@ -1,7 +1,8 @@
 """Plans that write the key frames of one DataSetWriter as JSON, a few times the time that `orjson` itself takes.
 
-For the fields of one metadata, one form and one layout a function is generated that checks the values and fills in one
-dictionary display, with all that is constant in it. What does not fit goes the general way, which says what is wrong.
+For the fields of one metadata, one form and one layout a function is generated that checks the values, writes the
+payload and joins it with what is constant in the headers. What does not fit goes the general way, which says what is
+wrong.
 """
 
 from __future__ import annotations
@@ -16,8 +17,7 @@ from ua_fleet.wire.json.data_sets import DataSetFields
 from ua_fleet.wire.json.dates import encode_date
 from ua_fleet.wire.json.field_plan import GIVE_UP, MOST_PLANNED_FIELDS, write_fields
 from ua_fleet.wire.json.fields import Form
-from ua_fleet.wire.json.headers import encode_publisher_id
-from ua_fleet.wire.json.scalars import encode_status
+from ua_fleet.wire.json.headers import encode_publisher_id, encode_version
 from ua_fleet.wire.messages import DataSetMessage, NetworkMessage
 
 __all__ = ["JsonWriterPlan"]
@@ -72,27 +72,25 @@ class JsonWriterPlan:
             "GIVE_UP": GIVE_UP,
             "dumps": orjson.dumps,
             "encode_date": encode_date,
-            "encode_status": encode_status,
             "encode_generally": self._encode_generally,
-            "GOOD": {},
+            "join": b"".join,
         }
         body = write_fields(self._fields.fields, types, self._fields.writing(self._form), names)
-        content = body.pop()
+        payload = f"dumps({body.pop()})"
+        parts = self._parts(payload, source, names)
         if self._layout.data_set_header:
-            body += [
+            body = [
                 f"if sequence_number.__class__ is not int or not 0 <= sequence_number <= {_UINT32}: raise TypeError",
-                f"coded = encode_status((), {self._form is not Form.COMPACT}, status) if status else GOOD",
+                "if status: return encode_generally(message_id, sequence_number, timestamp, status, values)",
+                *body,
             ]
-            content = self._message_display(source, content, names)
-        content = content if self._layout.single else f"[{content}]"
         if self._layout.network_header:
-            body.append("if message_id.__class__ is not str: raise TypeError")
-            content = self._network_display(source, content, names)
+            body.insert(0, "if message_id.__class__ is not str: raise TypeError")
         lines = [
             "def encode(message_id, sequence_number, timestamp, status, values):",
             " try:",
             *(f"  {line}" for line in body),
-            f"  return dumps({content})",
+            f"  return join(({', '.join(parts)},))",
             " except GIVE_UP:",
             "  return encode_generally(message_id, sequence_number, timestamp, status, values)",
         ]
@@ -100,41 +98,48 @@ class JsonWriterPlan:
         encode: Callable[..., bytes] = names["encode"]
         return encode
 
-    def _message_display(self, source: Source, payload: str, names: dict[str, Any]) -> str:
-        """The DataSetMessage; what is constant in it is taken from what the general way writes."""
-        names["version"] = {
-            "MajorVersion": self._message.major_version,
-            "MinorVersion": self._message.minor_version,
-        }
-        members: list[str] = []
-        if source.data_set_writer_id:
-            members.append(f'"DataSetWriterId": {int(source.data_set_writer_id)}')
-        if source.data_set_writer_name is not None:
-            names["writer_name"] = source.data_set_writer_name
-            members.append('"DataSetWriterName": writer_name')
-        if not self._layout.network_header:
-            members += _outer_members(source, names)
-        members += [
-            '"SequenceNumber": sequence_number',
-            '"MetaDataVersion": version',
-            '"Timestamp": encode_date(timestamp)',
-            '"Status": coded',
-        ]
-        if self._layout.message_type:
-            members.append('"MessageType": "ua-keyframe"')
-        return "{" + ", ".join([*members, f'"Payload": {payload}']) + "}"
+    def _parts(self, payload: str, source: Source, names: dict[str, Any]) -> list[str]:
+        """Expressions of the parts of a text: what is constant in it, and between that what is not."""
+        layout, parts, constant = self._layout, list[str](), b""
+        outer = _outer_members(source)
 
-    def _network_display(self, source: Source, content: str, names: dict[str, Any]) -> str:
-        members = ['"MessageId": message_id', f'"MessageType": "{DATA}"', *_outer_members(source, names)]
-        return "{" + ", ".join([*members, f'"Messages": {content}']) + "}"
+        def add(before: bytes, expression: str) -> None:
+            names[f"part{len(parts)}"] = before
+            parts.extend([f"part{len(parts)}", expression])
+
+        if layout.network_header:
+            add(b'{"MessageId":', "dumps(message_id)")
+            constant = b"," + _members({"MessageType": DATA} | outer) + b',"Messages":'
+        constant += b"" if layout.single else b"["
+        if layout.data_set_header:
+            head: dict[str, Any] = {"DataSetWriterId": source.data_set_writer_id} if source.data_set_writer_id else {}
+            if source.data_set_writer_name is not None:
+                head["DataSetWriterName"] = source.data_set_writer_name
+            if not layout.network_header:
+                head |= outer
+            add(
+                constant + b"{" + (_members(head) + b"," if head else b"") + b'"SequenceNumber":',
+                "b'%d' % sequence_number",
+            )
+            version = _members(encode_version(self._message))
+            add(b"," + version + b',"Timestamp":"', "encode_date(timestamp).encode()")
+            kind = b',"MessageType":"ua-keyframe"' if layout.message_type else b""
+            constant = b'","Status":{}' + kind + b',"Payload":'
+        add(constant, payload)
+        end = (b"}" if layout.data_set_header else b"") + (b"" if layout.single else b"]")
+        names["end"] = end + (b"}" if layout.network_header else b"")
+        return [*parts, "end"]
 
 
-def _outer_members(source: Source, names: dict[str, Any]) -> list[str]:
-    members: list[str] = []
+def _members(values: dict[str, Any]) -> bytes:
+    """The members of an object, without its braces."""
+    return orjson.dumps(values)[1:-1]
+
+
+def _outer_members(source: Source) -> dict[str, str]:
+    members: dict[str, str] = {}
     if source.publisher_id is not None:
-        names["publisher_id"] = encode_publisher_id(source.publisher_id)
-        members.append('"PublisherId": publisher_id')
+        members["PublisherId"] = encode_publisher_id(source.publisher_id)
     if source.writer_group_name is not None:
-        names["group_name"] = source.writer_group_name
-        members.append('"WriterGroupName": group_name')
+        members["WriterGroupName"] = source.writer_group_name
     return members

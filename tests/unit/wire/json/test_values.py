@@ -143,6 +143,17 @@ def test_what_ua_net_standard_leaves_out_and_calls_otherwise() -> None:
     assert reading.leniencies == {Leniency.STATUS_CODE_MEMBER: 1}
 
 
+def test_null_for_what_has_no_null() -> None:
+    """node-opcua writes infinities so."""
+    reading = Reading()
+    nothing = decode_variant(reading, {"UaType": 11, "Value": None})
+    assert nothing.type == 11
+    assert math.isnan(nothing.value)
+    assert reading.leniencies == {Leniency.NULL_NUMBER: 1}
+    assert decode_variant(reading, {"UaType": 6, "Value": None}) == Variant(0, None)
+    assert encode_variant(VERBOSE, Variant(0x8B, None)) == {"UaType": 11, "Value": []}
+
+
 def test_matrices_in_three_forms() -> None:
     matrix = Matrix((1, 2, 3, 4), (2, 2))
     reading = Reading()
@@ -151,6 +162,9 @@ def test_matrices_in_three_forms() -> None:
     assert not reading.leniencies
     assert decode_value(reading, 6, [[1, 2], [3, 4]]) == (0xC6, matrix)
     assert reading.leniencies == {Leniency.OLD_MATRIX: 1}
+    node_opcua = {"UaType": 6, "Value": [1, 2, 3, 4], "UaDimensions": [2, 2]}
+    assert decode_variant(reading, node_opcua) == Variant(0xC6, matrix)
+    assert reading.leniencies == {Leniency.OLD_MATRIX: 1, Leniency.UA_DIMENSIONS: 1}
 
 
 WRONG: list[tuple[int, Any, JsonCause]] = [

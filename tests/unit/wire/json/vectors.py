@@ -106,7 +106,6 @@ VARIANTS: list[tuple[Variant, Any]] = [
     (Variant(0, None), None),
     (Variant(6, -6), {"UaType": 6, "Value": -6}),
     (Variant(12, None), {"UaType": 12}),
-    (Variant(0x8B, None), {"UaType": 11, "Value": None}),
     (Variant(0x8B, ()), {"UaType": 11, "Value": []}),
     (Variant(0x8B, (1.0, math.inf)), {"UaType": 11, "Value": [1.0, "Infinity"]}),
     (Variant(0x8C, ("a", None)), {"UaType": 12, "Value": ["a", None]}),

@@ -164,7 +164,7 @@ def array(element: Member | Record) -> Member:
             return ()
         if value.__class__ is not list:
             raise RemoteWireError(JsonCause.SHAPE, f"{shown(value)} is no array")
-        return tuple([element.decode(reading, part) for part in cast("list[Any]", value)])
+        return tuple([element.decode(reading, part) for part in cast("list[object]", value)])
 
     def encode(namespaces: tuple[str, ...], value: Any) -> Any:
         # Elements are never left out: null stands for the default of a nullable type only.

@@ -270,7 +270,7 @@ def _pack_member(
         if item.__class__ is not list:
             raise RemoteWireError(JsonCause.VALUE_TYPE, f"{shown(item)} is no array")
         encode_length(out, len(item))
-        return all(_pack_element(reading, out, resolved, part, level) for part in cast("list[Any]", item))
+        return all(_pack_element(reading, out, resolved, part, level) for part in cast("list[object]", item))
     return _pack_matrix(reading, out, resolved, item, level)
 
 

@@ -29,7 +29,7 @@ def test_every_cause_and_leniency_has_its_row(words: type[StrEnum]) -> None:
             assert isinstance(text, ast.Expr)
             assert isinstance(text.value, ast.Constant)
             assert isinstance(member.value, ast.Constant)
-            assert f"| `{member.value.value}` | {' '.join(str(text.value.value).split())} |" in PAGE
+            assert f"| `{member.value.value!s}` | {' '.join(str(text.value.value).split())} |" in PAGE
 
 
 def test_the_message_is_what_a_writer_writes() -> None:

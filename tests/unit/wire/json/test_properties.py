@@ -33,7 +33,7 @@ from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldMetaDat
 B = BuiltinType
 NAMESPACES = ("urn:fleet", "urn:a;b%c")
 
-TEXTS = st.text(st.characters(exclude_categories=("Cs",)), max_size=12)
+TEXTS = st.text(st.characters(codec="utf-8"), max_size=12)
 GUIDS = st.uuids()
 INDICES = st.integers(0, 0xFFFF)
 NODE_IDS = st.builds(NodeId, INDICES, st.one_of(st.integers(0, 0xFFFF_FFFF), TEXTS, GUIDS, st.binary(max_size=9)))

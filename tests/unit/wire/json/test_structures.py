@@ -65,7 +65,7 @@ CASES: list[tuple[StructureDescription, bytes, Any, Any]] = [
 @pytest.mark.parametrize(("description", "data", "compact", "verbose"), CASES)
 def test_both_ways(description: StructureDescription, data: bytes, compact: Any, verbose: Any) -> None:
     value = ExtensionObject(description.default_encoding, data)
-    type_id = {"UaTypeId": f"nsu=urn:fleet;i={description.data_type.identifier}"}
+    type_id = {"UaTypeId": f"nsu=urn:fleet;i={description.data_type.identifier!s}"}
     assert encode_extension_object(COMPACT, value) == type_id | compact
     assert encode_extension_object(VERBOSE, value) == type_id | verbose
     for text in (type_id | compact, type_id | verbose):
@@ -93,7 +93,7 @@ def test_as_a_field_of_their_own_type(
     text = encode_field(COMPACT, field, 22, value)
     assert text == {
         "UaType": 22,
-        "Value": {"UaTypeId": f"nsu=urn:fleet;i={description.data_type.identifier}"} | compact,
+        "Value": {"UaTypeId": f"nsu=urn:fleet;i={description.data_type.identifier!s}"} | compact,
     }
     for item in (verbose, text):
         assert decode_field(reading(), field, item)[:2] == (22, value)

@@ -77,6 +77,20 @@ def _umockdev() -> str | None:
     return None if shutil.which("umockdev-wrapper") else "umockdev is not installed (Debian package umockdev)"
 
 
+def _mosquitto() -> str | None:
+    there = shutil.which("mosquitto") and shutil.which("mosquitto_sub")
+    return None if there else "mosquitto is not installed (Debian packages mosquitto and mosquitto-clients)"
+
+
+def nats_server() -> Path:
+    """The program that its wheel brings."""
+    return Path(sys.executable).parent / "nats-server"
+
+
+def _nats() -> str | None:
+    return None if nats_server().exists() else "nats-server is not installed; run: make setup-test"
+
+
 def _netns() -> str | None:
     return network.missing_namespaces()
 
@@ -122,6 +136,8 @@ PARTS: dict[str, Callable[[], str | None]] = {
     "umockdev": _umockdev,
     "dbus": _dbus,
     "o6": _o6,
+    "mosquitto": _mosquitto,
+    "nats": _nats,
     "netns": _netns,
     "npm": _npm,
     "chromium": _chromium,

@@ -61,6 +61,7 @@ from ua_fleet.skill.responder import (
 )
 from ua_fleet.topics import LoopVerdict, Side, Topic, loop_verdict
 from ua_fleet.transport.addresses import answer_address
+from ua_fleet.transport.party import Answers
 from ua_fleet.values import BuiltinType, Quality, StatusCode, quality_of
 from ua_fleet.wire.actions import encode_action
 from ua_fleet.wire.discovered import ActionTarget
@@ -102,6 +103,7 @@ class Actions:
         rule: Rule = loop_verdict,
         definitions: Mapping[Topic, str] = MappingProxyType({}),
         skills_period_s: float = SKILLS_PERIOD_S,
+        answers: Answers = answer_address,
     ) -> None:
         """Connect the parts.
 
@@ -122,7 +124,9 @@ class Actions:
             rule: the loop rule.
             definitions: what robots are, by the topics of their SkillStatus; announced with these.
             skills_period_s: how often the driver is asked what skills there are.
+            answers: finds where a response goes.
         """
+        self._answer_address = answers
         self._space, self._publisher, self._counters, self._driver = space, publisher, counters, driver
         self._send, self._send_to, self._wall_ticks, self._failed, self._rule = (
             send,
@@ -166,7 +170,7 @@ class Actions:
         if name is not None and self._rule(Side.PUBSUB, name.space, self._space, False) is not LoopVerdict.TO_SPACE:
             self._counters.drop(Drop.LOOP, 1 + len(message.others))
             return
-        reply_to = answer_address(message.response_address, event.sender) if event.sender is not None else None
+        reply_to = self._answer_address(message.response_address, event.sender) if event.sender is not None else None
         if reply_to is None:
             self._counters.drop_malformed("response_address")
             return

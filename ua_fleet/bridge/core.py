@@ -231,9 +231,11 @@ class BridgeCore:
         self._read[topic] = timestamp
         return datagrams
 
-    def from_pubsub(self, datagram: bytes, *, now: float, sender: tuple[str, int] | None = None) -> None:
-        """Take in a datagram, and where it came from."""
-        self._hear(self._subscriber.receive(datagram, now, sender), now)
+    def from_pubsub(
+        self, datagram: bytes, *, now: float, sender: tuple[str, int] | None = None, is_fresh: bool = True
+    ) -> None:
+        """Take in a datagram, and where it came from; `is_fresh` as in `Subscriber.receive`."""
+        self._hear(self._subscriber.receive(datagram, now, sender, is_fresh=is_fresh), now)
 
     def begin(self, *, now: float, wall_ticks: int) -> None:
         """Say on PubSub that this bridge is there."""

@@ -60,6 +60,7 @@ from ua_fleet.storage.process_lock import process_lock
 from ua_fleet.topics import Topic, loop_verdict
 from ua_fleet.transport.base import Address, KnowsItself, Transport
 from ua_fleet.transport.paced import PacedSender
+from ua_fleet.transport.party import Brokered, Party, answers_of
 from ua_fleet.transport.sealed import Sent
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire import Codec
@@ -123,6 +124,20 @@ class _Shell:
             bridge_application(config, bridge_name),
             max_packed_bytes=self.envelope.max_plain_bytes,
         )
+        self._rival = Rival()
+        if isinstance(transport, Brokered):
+            transport.speak_for(
+                Party(
+                    publisher_id=space,
+                    seal=self.envelope.seal,
+                    token=self.envelope.sending_token,
+                    is_secured=self.envelope.mode is not SecurityMode.NONE,
+                    names_of=publisher.names_of,
+                    receive_kept=partial(self.receive, is_fresh=False),
+                    taken_over=lambda: self._rival.heard(("the broker", 0), self._loop.time()),
+                    setpoint_groups=setpoint_groups(config),
+                )
+            )
         lag = LagMeter()
         self._sender = PacedSender(
             self.envelope,
@@ -166,9 +181,9 @@ class _Shell:
             followed=ExecutionLog(self._log).take,
             rule=rule,
             definitions=announced_robots(config, bridge_name),
+            answers=answers_of(transport),
         )
         self.teleoperation = self._driven(config, state_dir, publisher)
-        self._rival = Rival()
         if isinstance(transport, KnowsItself):
             is_own = transport.is_own
 
@@ -225,6 +240,7 @@ class _Shell:
             caught=self.mistakes.caught,
             told=lambda text, robot, detail: self._log.info(text, robot=robot, detail=detail),
             loop=self._loop,
+            answers=answers_of(self._transport),
         )
         self._actions.driven_by = driven.driven_by
         return driven
@@ -257,10 +273,10 @@ class _Shell:
         if self._timer is not None:
             self._timer.cancel()
 
-    def receive(self, datagram: bytes, sender: Address) -> None:
-        """Take a datagram from the transport."""
+    def receive(self, datagram: bytes, sender: Address, *, is_fresh: bool = True) -> None:
+        """Take a datagram from the transport, or what its broker had kept."""
         try:
-            self._core.from_pubsub(datagram, now=self._loop.time(), sender=sender)
+            self._core.from_pubsub(datagram, now=self._loop.time(), sender=sender, is_fresh=is_fresh)
         except Exception as error:  # noqa: BLE001 - whatever is wrong with one datagram, others are behind it
             self.mistakes.caught("datagrams", error, client=f"{sender[0]}:{sender[1]}")
         if self._subscriber.is_nearer:

@@ -46,6 +46,7 @@ from ua_fleet.teleoperation.messages import (
 )
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.transport.addresses import answer_address
+from ua_fleet.transport.party import Answers
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.actions import ActionMessage, encode_action
 from ua_fleet.wire.discovered import ActionTarget
@@ -83,6 +84,7 @@ class BridgeTeleoperation:
         caught: Callable[[str, Exception], None],
         told: Callable[[str, str, str], None],
         loop: asyncio.AbstractEventLoop,
+        answers: Answers = answer_address,
     ) -> None:
         """Connect the parts.
 
@@ -103,7 +105,9 @@ class BridgeTeleoperation:
             caught: told of a mistake, with the loop that it happened in.
             told: told for the log what became of a lease, with the robot's name and the holder or the reason.
             loop: for the timer.
+            answers: finds where a response goes.
         """
+        self._answer_address = answers
         self._space, self._publisher, self._counters, self._driver = space, publisher, counters, driver
         self._core, self._busy, self._send, self._send_to = core, busy, send, send_to
         self._wall_ticks, self._caught, self._say, self._loop = wall_ticks, caught, told, loop
@@ -174,7 +178,7 @@ class BridgeTeleoperation:
     def receive(self, event: ActionReceived, now: float) -> None:
         """Take a request about a lease."""
         message = event.message
-        reply_to = answer_address(message.response_address, event.sender) if event.sender is not None else None
+        reply_to = self._answer_address(message.response_address, event.sender) if event.sender is not None else None
         if reply_to is None:
             self._counters.drop_malformed("response_address")
             return

@@ -75,8 +75,8 @@ class Opener:
         self.counters = counters
         self._envelope, self._key = envelope, key
 
-    def open(self, datagram: bytes, now: float) -> OpenedDatagram:
-        """Take one datagram."""
+    def open(self, datagram: bytes, now: float, *, is_fresh: bool = True) -> OpenedDatagram:
+        """Take one datagram; `is_fresh` as in `Envelope.open`."""
         try:
             heard = read_security(datagram)
         except RemoteWireError as error:
@@ -88,7 +88,7 @@ class Opener:
                 if self._key is None:
                     return self._dropped(heard, Drop.SECURED, None, "")
                 datagram = self._key.unprotect(heard)
-            plain = self._envelope.open(datagram, now)
+            plain = self._envelope.open(datagram, now, is_fresh=is_fresh)
         except DatagramRefused as refused:
             return self._dropped(heard, refused.drop, _verdict(refused.drop), refused.detail)
         except RemoteWireError as error:

@@ -62,7 +62,7 @@ def probe(
     if url is None or config != DEFAULT_CONFIG:
         fleet = load_config(config, allow_missing_ids=True)
     keyed = None if fleet is None or lacks_keys(fleet, as_bridge) else fleet
-    transport, counters = transport_of(fleet, url, interface), Counters()
+    transport, counters = transport_of(fleet, config.resolve().parent, url, interface), Counters()
     envelope = tool_envelope(keyed, counters)
     prober = Prober(kind, publisher_id, Opener(counters, envelope))
     keys_of_fleet = nullcontext() if keyed is None else tool_keys(keyed, envelope, config.resolve().parent, as_bridge)

@@ -40,6 +40,7 @@ def _application(
         description,
         capabilities=capabilities,
         endpoints=endpoints,
+        is_brokered=pubsub.is_brokered,
         url=pubsub.url,
         network_interface=pubsub.interface,
         security_mode=mode.value,

@@ -12,6 +12,7 @@ from ua_fleet.config.resilience_checks import check_resilience
 from ua_fleet.config.schema import (
     DataSetConfig,
     FieldConfig,
+    PubSubConfig,
     PubSubSecurity,
     ScalarType,
     value_name,
@@ -19,10 +20,11 @@ from ua_fleet.config.schema import (
 from ua_fleet.config.teleoperation_checks import check_teleoperation
 from ua_fleet.config.teleoperation_schema import TELEOPERATION_IDS
 from ua_fleet.document import KeyPath, key_text
-from ua_fleet.errors import TopicInvalid
+from ua_fleet.errors import TopicInvalid, TransportError
 from ua_fleet.fleet.model import FLEET_NAMESPACE
 from ua_fleet.names import closest, listed
 from ua_fleet.topics import check_space
+from ua_fleet.transport.mqtt.address import parse_broker_url
 from ua_fleet.wire.metadata import MOST_DESCRIBED
 
 __all__ = ["Parts", "check_all", "check_ids_given", "check_namespaces", "check_robots", "no_namespace"]
@@ -227,8 +229,24 @@ def _check_initial_values(parts: Parts) -> None:
                 parts.document.problem(path, problem)
 
 
+def _check_broker(parts: Parts, pubsub: PubSubConfig) -> None:
+    """What of the broker's section does not go with the URL."""
+    try:
+        address = parse_broker_url(pubsub.url)
+    except TransportError as error:
+        parts.document.problem(("pubsub", "url"), str(error))
+        return
+    for key in ("ca_file", "certificate_file", "key_file") if not address.has_tls else ():
+        if getattr(pubsub.broker, key) is not None:
+            parts.document.problem(
+                ("pubsub", "broker", key), "this is for TLS, and the URL begins with mqtt://", "write mqtts:// there"
+            )
+
+
 def _check_pubsub(parts: Parts) -> None:
-    if parts.pubsub is not None and not 1 <= int(parts.pubsub.url.rpartition(":")[2]) <= 65535:
+    if parts.pubsub is not None and parts.pubsub.is_brokered:
+        _check_broker(parts, parts.pubsub)
+    elif parts.pubsub is not None and not 1 <= int(parts.pubsub.url.rpartition(":")[2]) <= 65535:
         parts.document.problem(("pubsub", "url"), "a port is 1 to 65535", "the registered one is 4840")
 
 

@@ -9,7 +9,9 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from ua_fleet.config.base import Model
+from ua_fleet.config.broker_schema import BrokerConfig
 from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.transport.mqtt.address import is_broker_url
 
 __all__ = ["KeysConfig", "PubSubConfig", "PubSubSecurity"]
 
@@ -47,8 +49,11 @@ class PubSubConfig(Model, frozen=True):
     security: PubSubSecurity = Field(examples=["sign_and_encrypt"])
     """`sign_and_encrypt`, or `sign` where all may read. `none` sends and accepts unsigned messages. There is no
     default."""
-    url: Annotated[str, Field(pattern=r"^opc\.udp://[^/]+:\d{1,5}$")] = "opc.udp://224.0.2.14:4840"
-    """Multicast group (or a unicast address) and port (OPC 10000-14 7.3.2)."""
+    url: Annotated[str, Field(pattern=r"^(opc\.udp://[^/]+:\d{1,5}|mqtts?://[^/@]+)$")] = "opc.udp://224.0.2.14:4840"
+    """Multicast group (or a unicast address) and port (OPC 10000-14 7.3.2), or an MQTT broker: `mqtt://<host>:<port>`,
+    `mqtts://` for TLS."""
+    broker: BrokerConfig = BrokerConfig()
+    """How the MQTT broker is used, where `url` names one."""
     interface: str = "lo"
     """Name or address of the network interface, or a subnet in which its address is (`192.168.1.0/24`), for machines
     that get their address from others; `lo` keeps all traffic on this machine."""
@@ -91,6 +96,11 @@ class PubSubConfig(Model, frozen=True):
         if self.receive_timeout_s <= self.keep_alive_s:
             raise ValueError("receive_timeout_s must be greater than keep_alive_s")
         return self
+
+    @property
+    def is_brokered(self) -> bool:
+        """Whether messages go over a broker."""
+        return is_broker_url(self.url)
 
     def timing(self) -> PubSubTiming:
         """The periods of writers and readers."""

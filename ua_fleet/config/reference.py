@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from ua_fleet.config.audit_schema import AuditConfig, SyslogConfig
+from ua_fleet.config.broker_schema import BrokerConfig
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.modbus_schema import CommandConfig, ModbusServerConfig
 from ua_fleet.config.resilience_schema import CriterionConfig, DistanceConfig, FaultConditionConfig
@@ -54,6 +55,7 @@ _SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
     ("`server.audit.syslog`", SyslogConfig),
     ("`pubsub`", PubSubConfig),
     ("`pubsub.keys`", KeysConfig),
+    ("`pubsub.broker`", BrokerConfig),
     ("`bridges.<name>`, whatever its kind", BridgeConfig),
     ("`robots.<name>`", RobotConfig),
     ("`robots.<name>.data.<name>`", DataSetConfig),

@@ -28,6 +28,9 @@ __all__ = [
     "weaknesses",
 ]
 
+MOST_BROKERED_BYTES: Final = 256 * 1024
+"""Larger messages go over a broker as chunks. What it retains is one message, so that this is far more than what UDP
+carries; brokers take 1 MB at least, as they are delivered."""
 _MODES: Final = {
     PubSubSecurity.NONE: SecurityMode.NONE,
     PubSubSecurity.SIGN: SecurityMode.SIGN,
@@ -79,7 +82,7 @@ def envelope_of(config: FleetConfig, space: int, counters: Counters, state_dir: 
         mode=mode,
         nonces=FileNonces(state_dir) if is_secured else MemoryNonces(),
         relaxed_replay=pubsub.relaxed_replay,
-        max_datagram_bytes=pubsub.max_datagram_bytes,
+        max_datagram_bytes=MOST_BROKERED_BYTES if pubsub.is_brokered else pubsub.max_datagram_bytes,
         max_message_bytes=pubsub.max_message_bytes,
         past_keys=pubsub.keys.past_keys,
         asks_for_all=pubsub.keys.source == "files",
@@ -119,6 +122,8 @@ def weaknesses(config: FleetConfig) -> list[str]:
     """What of the configuration weakens message security, for the log of each process."""
     pubsub = config.pubsub
     reach = f"whoever reaches {pubsub.url} on {pubsub.interface}"
+    if pubsub.is_brokered:
+        reach = f"whoever the broker {pubsub.url} lets read and write these topics"
     if pubsub.security is PubSubSecurity.NONE:
         driven = [name for name, robot in config.robots.items() if robot.teleoperation is not None]
         more = f", and drive {', '.join(driven)}" if driven else ""

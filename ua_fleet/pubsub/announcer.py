@@ -12,8 +12,8 @@ from itertools import islice
 from typing import Final, NamedTuple
 
 from ua_fleet.errors import LocalWireError
-from ua_fleet.pubsub.application import UDP_UADP, Application
-from ua_fleet.pubsub.configuring import WriterGroups, connection, writer_group
+from ua_fleet.pubsub.application import Application
+from ua_fleet.pubsub.configuring import WriterGroups, connection, group_name, writer_group
 from ua_fleet.pubsub.due import DueTimes
 from ua_fleet.pubsub.pacing import Pace
 from ua_fleet.pubsub.timing import PubSubTiming
@@ -105,12 +105,26 @@ class Announcer:
         self._now = 0.0
 
     def begin(self, now: float, wall_ticks: int) -> list[bytes]:
-        """Say who this is and that it is Operational, now and from now on with a period."""
+        """Say who this is and that it is Operational, now and from now on with a period.
+
+        Over a broker that is said once, with all that the broker is to keep: who comes later gets it from there.
+        """
         self._wall_offset = 0
         self.set_clock(now, wall_ticks)
         self._want(_APPLICATION, now)
         self._want(_STATUS, now)
+        if self.application.is_brokered:
+            self._want_parts(_CONNECTIONS, now, (True, True))
+            self._want_parts(_RESPONDER, now, (True, True))
+            if self.application.endpoints:
+                self._want(_ENDPOINTS, now)
         return self.poll(now)
+
+    def describe(self, application: Application) -> None:
+        """Say this of the process from now on; over a broker it is said at once."""
+        self.application = application
+        if application.is_brokered and self._wall_offset is not None:
+            self._want(_ENDPOINTS, self._now)
 
     def end(self) -> list[bytes]:
         """Say that nothing more comes. The status is not cyclic: no next one is promised."""
@@ -127,13 +141,33 @@ class Announcer:
 
     def put_writer(self, ns: int, writer_id: int, name: str, now: float) -> None:
         """A DataSetWriter is new, or has another name: say it soon, together with its neighbours."""
-        if self._groups.put(ns, writer_id, name) and self._wall_offset is not None:
-            self._want(_Key("group", ns), now + ANSWER_INTERVAL_S, (writer_id,))
+        if self._groups.put(ns, writer_id, name):
+            self._tell_writer(ns, writer_id, now + ANSWER_INTERVAL_S)
 
     def remove_writer(self, ns: int, writer_id: int) -> None:
         """A DataSetWriter is gone: say that soon."""
-        if self._groups.remove(ns, writer_id) and self._wall_offset is not None:
-            self._want(_Key("group", ns), self._now + ANSWER_INTERVAL_S, (writer_id,))
+        if self._groups.remove(ns, writer_id):
+            self._tell_writer(ns, writer_id, self._now + ANSWER_INTERVAL_S)
+
+    def names_of(self, writer_id: int) -> tuple[str, str] | None:
+        """The names of the WriterGroup and of the DataSetWriter with an id, also of an Action's; None without one."""
+        for ns in self._groups.of_writer(writer_id):
+            return group_name(ns), self._groups.names(ns)[writer_id]
+        if (entry := self._actions.get(writer_id)) is None:
+            return None
+        ns, action = entry
+        name = action.request.name or str(writer_id)
+        others = [other for other, (_, known) in self._actions.items() if known.request.name == action.request.name]
+        return group_name(ns, are_actions=True), name if others[0] == writer_id else f"{name}-{writer_id}"
+
+    def _tell_writer(self, ns: int, writer_id: int, due: float) -> None:
+        """Say what a DataSetWriter is now, once this is Operational."""
+        if self._wall_offset is None:
+            return
+        if self.application.is_brokered:
+            self._want_parts(_CONNECTIONS, due, (True, True))
+        else:
+            self._want(_Key("group", ns), due, (writer_id,))
 
     def action(self, writer_id: int) -> ActionMetaDataAnnouncement | None:
         """The Action of a DataSetWriter as it is announced."""
@@ -151,6 +185,8 @@ class Announcer:
             raise LocalWireError(f"the Action {action.request.name}: {size} bytes of metadata are too many")
         self._actions[action.data_set_writer_id] = ns, action
         self._want(_Key("action", action.data_set_writer_id), now)
+        if self.application.is_brokered and self._wall_offset is not None:
+            self._want_parts(_RESPONDER, now + ANSWER_INTERVAL_S, (True, True))
         return self.poll(now)
 
     def ask(self, probe: Probe, now: float) -> None:
@@ -170,7 +206,7 @@ class Announcer:
         elif kind == ProbeKind.WRITER_GROUP_CONFIGURATION:
             for ns in (probe.writer_group_id,) if probe.writer_group_id else self._groups.numbers():
                 self._ask_group(ns, probe.include_data_set_writers, now)
-        elif not probe.transport_profile_uris or UDP_UADP in probe.transport_profile_uris:
+        elif not probe.transport_profile_uris or self.application.profile in probe.transport_profile_uris:
             parts = probe.include_writer_groups, probe.include_writer_groups and probe.include_data_set_writers
             self._want_parts(_CONNECTIONS, now, parts)
             if self._actions:
@@ -222,7 +258,8 @@ class Announcer:
         if self._wall_offset is None:
             return
         if key == _STATUS:
-            self._want(key, now + self._timing.status_interval_s)
+            if not self.application.is_brokered:  # its end is told by the broker
+                self._want(key, now + self._timing.status_interval_s)
         elif key == _APPLICATION or key.kind == "action":
             self._want(key, now + self._timing.announce_interval_s)
 
@@ -264,6 +301,8 @@ class Announcer:
             return [ApplicationAnnouncement(*head, application.description, application.capabilities)]
         if self._wall_offset is None:
             return []
+        if application.is_brokered:
+            return [StatusAnnouncement(*head, False, PubSubState.OPERATIONAL.value)]
         wall = self._wall_offset + round(now * TICKS_PER_SECOND)
         following = wall + round(self._timing.status_interval_s * TICKS_PER_SECOND)
         return [StatusAnnouncement(*head, True, PubSubState.OPERATIONAL.value, following, wall)]

@@ -10,6 +10,7 @@ from ua_fleet.wire.discovered import NO_SECURITY, ApplicationDescription, Applic
 
 __all__ = [
     "MAX_DATAGRAM_BYTES",
+    "MQTT_UADP",
     "PRODUCT_URI",
     "UDP_UADP",
     "Application",
@@ -22,6 +23,8 @@ MAX_DATAGRAM_BYTES: Final = 65_507
 """The largest UDP payload over IPv4."""
 UDP_UADP: Final = "http://opcfoundation.org/UA-Profile/Transport/pubsub-udp-uadp"
 """The transport profile of UADP over UDP (OPC 10000-14 7.3.2)."""
+MQTT_UADP: Final = "http://opcfoundation.org/UA-Profile/Transport/pubsub-mqtt-uadp"
+"""The transport profile of UADP over MQTT (OPC 10000-14 7.3.4)."""
 PRODUCT_URI: Final = "urn:ua-fleet"
 
 
@@ -34,6 +37,8 @@ class Application:
     """Capability identifiers of OPC 10000-12 annex D."""
     endpoints: tuple[EndpointDescription, ...] = ()
     """Of its OPC UA Server; a process without a server has none."""
+    is_brokered: bool = False
+    """Whether it speaks over a broker, which keeps announcements and says when the process is gone."""
     url: str = ""
     """Where the messages of its PubSubConnection go."""
     network_interface: str | None = None
@@ -45,6 +50,11 @@ class Application:
     """SecurityGroup of its Actions, where they are secured."""
     max_message_bytes: int = MAX_DATAGRAM_BYTES
     """The largest message that it sends, put together from chunks where it is larger than a datagram."""
+
+    @property
+    def profile(self) -> str:
+        """The URI of its transport profile."""
+        return MQTT_UADP if self.is_brokered else UDP_UADP
 
 
 def server_application_uri(fleet_name: str) -> str:

@@ -91,9 +91,18 @@ class Catalog:
         entry = self._entries.get(key)
         return [] if entry is None else entry.writers
 
-    def announced(self, key: _Key, metadata: DataSetMetaData) -> None:
-        """Take an announcement; the oldest that no writer was heard for goes where there are too many."""
+    def announced(self, key: _Key, metadata: DataSetMetaData, *, is_fresh: bool = True) -> bool:
+        """Take an announcement; the oldest that no writer was heard for goes where there are too many.
+
+        One that is not fresh, as a broker has kept it, is taken where its version is the latest; says whether it was.
+        """
         entry = self._entries.get(key)
+        if (
+            not is_fresh
+            and entry is not None
+            and any(known > metadata.configuration_version for known in entry.versions)
+        ):
+            return False
         if entry is None:
             if len(self._orphans) >= self._max_orphans:
                 self._forget_oldest()
@@ -102,7 +111,7 @@ class Catalog:
         versions = entry.versions
         version = metadata.configuration_version
         if versions.get(version) == metadata:
-            return
+            return True
         before = entry.size
         versions.pop(version, None)
         versions[version] = metadata
@@ -118,6 +127,7 @@ class Catalog:
                 self._forget_oldest()
         for writer in entry.writers:
             writer.major = UNBOUND
+        return True
 
     def _make_fit(self, entry: _Entry) -> None:
         """Forget the oldest versions of an entry until there is room for what is left, if anything."""

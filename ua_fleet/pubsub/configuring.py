@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from ua_fleet.pubsub.application import UDP_UADP, Application
+from ua_fleet.pubsub.application import Application
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.values import BuiltinType, Variant
 from ua_fleet.wire.discovered import (
@@ -19,7 +19,7 @@ from ua_fleet.wire.discovered import (
     WriterGroup,
 )
 
-__all__ = ["WriterGroups", "connection", "writer_group"]
+__all__ = ["WriterGroups", "connection", "group_name", "writer_group"]
 
 NETWORK_MESSAGE_CONTENT: Final = 0x47
 """UadpNetworkMessageContentMask: PublisherId, GroupHeader, WriterGroupId, PayloadHeader (6.3.1.1.4)."""
@@ -35,8 +35,14 @@ class WriterGroups:
         self._of_writer: dict[int, list[int]] = {}
 
     def put(self, ns: int, writer_id: int, name: str) -> bool:
-        """Have a DataSetWriter with this name; says whether that is news."""
+        """Have a DataSetWriter with this name; says whether that is news.
+
+        A name that another one of the group has gets the id behind it, since names are unique in a WriterGroup: a
+        broker has them as levels of its topics.
+        """
         names = self._names.setdefault(ns, {})
+        if any(other == name for other_id, other in names.items() if other_id != writer_id):
+            name = f"{name}-{writer_id}"
         if names.get(writer_id) == name:
             return False
         if writer_id not in names:
@@ -71,6 +77,11 @@ class WriterGroups:
         return tuple(self._of_writer.get(writer_id, ()))
 
 
+def group_name(ns: int, *, are_actions: bool = False) -> str:
+    """The name of a WriterGroup; a broker has it as a level of its topics, so it has no spaces."""
+    return f"actions-{ns}" if are_actions else f"group-{ns}"
+
+
 def writer_group(
     application: Application,
     timing: PubSubTiming,
@@ -82,7 +93,7 @@ def writer_group(
     """A WriterGroup with these of its DataSetWriters: (DataSetWriterId, name). Messages go when there is news."""
     security_group = application.command_group if are_actions else application.data_group
     return WriterGroup(
-        f"actions {ns}" if are_actions else f"group {ns}",
+        group_name(ns, are_actions=are_actions),
         True,
         security_mode=NO_SECURITY if security_group is None else application.security_mode,
         security_group_id=security_group,
@@ -109,13 +120,14 @@ def connection(
     application: Application, timing: PubSubTiming, publisher_id: int, groups: tuple[WriterGroup, ...]
 ) -> PubSubConnection:
     """The PubSubConnection of a process of ours, which has one."""
-    address = NetworkAddressUrl(application.network_interface, application.url)
+    address = NetworkAddressUrl(None if application.is_brokered else application.network_interface, application.url)
+    udp = None if application.is_brokered else DatagramConnectionTransport(address, round(timing.announce_interval_s))
     return PubSubConnection(
         application.description.application_name.text,
         True,
         Variant(int(BuiltinType.UINT16), publisher_id),
-        UDP_UADP,
+        application.profile,
         address,
-        transport_settings=DatagramConnectionTransport(address, round(timing.announce_interval_s)),
+        transport_settings=udp,
         writer_groups=groups,
     )

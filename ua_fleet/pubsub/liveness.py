@@ -72,6 +72,15 @@ class Liveness:
             self.add(writer)
             events.append(SourceStale(writer.topic))
 
+    def end(self, writer: RemoteWriter, events: list[SubscriberEvent]) -> None:
+        """A writer's publisher is gone: it is silent from now on, as if it had said nothing for the timeout."""
+        if writer.silent or writer.metadata is None:
+            return
+        writer.entry = next(self._order)  # its deadline counts no more
+        writer.silent, writer.stale = True, False
+        self._silent[writer] = None
+        events.append(SourceSilent(writer.topic))
+
     def poll(
         self, now: float, caught: Callable[[str, Exception], None] | None = None
     ) -> tuple[list[SubscriberEvent], list[RemoteWriter]]:

@@ -88,6 +88,8 @@ class Publisher:
         self._counters = counters
         self._codec = codec
         self._max_packed_bytes = min(max_packed_bytes, MAX_PACKED_BYTES)
+        if application is not None and application.is_brokered:
+            self._max_packed_bytes = 0  # each DataSetWriter has a topic of its own (6.4.2.5.1)
         self._writers: dict[tuple[int, int, int], Writer] = {}
         self._by_id: dict[int, list[Writer]] = {}
         """The writers of each DataSetWriterId: one, unless several WriterGroups use it."""
@@ -104,7 +106,7 @@ class Publisher:
 
     def describe(self, application: Application) -> None:
         """Say this of the process from now on."""
-        self._announcer.application = application
+        self._announcer.describe(application)
 
     def begin(self, *, now: float, wall_ticks: int) -> list[bytes]:
         """Announce the application, and that it is Operational; `poll` does so again with a period."""
@@ -360,6 +362,10 @@ class Publisher:
             return None
         ready = self._pace.ready_at
         return due if due > ready else ready
+
+    def names_of(self, writer_id: int) -> tuple[str, str] | None:
+        """The names of the WriterGroup and of the DataSetWriter with an id, also of an Action's; None without one."""
+        return self._announcer.names_of(writer_id)
 
     def metadata(self, topic: Topic) -> DataSetMetaData | None:
         """The metadata that is announced for a source, or None."""

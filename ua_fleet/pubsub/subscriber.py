@@ -46,8 +46,10 @@ from ua_fleet.topics import SERVER_SPACE, LoopVerdict, Side, Topic, loop_verdict
 from ua_fleet.values import Quality, quality_of
 from ua_fleet.wire import Codec, SecuredMessage, decode_raw_fields, encode_probe
 from ua_fleet.wire.actions import ActionMessage
-from ua_fleet.wire.discovered import AnyAnnouncement
+from ua_fleet.wire.discovered import ActionMetaDataAnnouncement, AnyAnnouncement, PubSubState, StatusAnnouncement
+from ua_fleet.wire.header import HAS_EXTENDED_FLAGS_1, HAS_EXTENDED_FLAGS_2, MESSAGE_TYPE_BITS, MessageType
 from ua_fleet.wire.messages import (
+    ConfigurationVersion,
     DataSetMessage,
     DataSetMetaData,
     FieldEncoding,
@@ -141,6 +143,8 @@ class Subscriber:
         self._setpoint_groups = setpoint_groups or {}
         self._writers: dict[tuple[int, int | None, int], RemoteWriter] = {}
         self._catalog = Catalog(max_writers)
+        self._action_versions: dict[tuple[int | str | None, int], ConfigurationVersion] = {}
+        """The latest of each DataSetWriter with Actions."""
         random = random or Random()  # noqa: S311 - spreads probes, keeps no secret
         self._probes = ProbeSchedule(random)
         self._wishes = Wishes(random)
@@ -152,9 +156,21 @@ class Subscriber:
         """The writers that were heard, by Topic, with their statistics; a live view."""
         return MappingProxyType(self._writers)
 
-    def receive(self, datagram: bytes, now: float, sender: tuple[str, int] | None = None) -> list[SubscriberEvent]:
-        """Take one datagram, and where it came from: a request may be answered there."""
+    def receive(
+        self, datagram: bytes, now: float, sender: tuple[str, int] | None = None, *, is_fresh: bool = True
+    ) -> list[SubscriberEvent]:
+        """Take one datagram.
+
+        Args:
+            datagram: as it came.
+            now: the time.
+            sender: where it came from: a request may be answered there.
+            is_fresh: False for what a broker has kept, which may be of any time: only announcements are taken so.
+        """
         self.is_nearer = True
+        if not is_fresh and not _is_announcement(datagram):
+            self._counters.drop(Drop.RETAINED)
+            return []
         if (
             datagram[:_OWN_HEAD_BYTES] in self._own_heads
             and len(datagram) > _COUNT_AT
@@ -165,7 +181,7 @@ class Subscriber:
             return []
         try:
             if self._envelope is not None:
-                plain = self._envelope.open(datagram, now)
+                plain = self._envelope.open(datagram, now, is_fresh=is_fresh)
                 if plain is None:
                     self.is_nearer = False
                     return []
@@ -187,7 +203,9 @@ class Subscriber:
             return self._receive_probe(message, now)
         if isinstance(message, ActionMessage):
             return self._receive_action(message, sender)
-        return [] if isinstance(message, NetworkMessage) else self._receive_announcement(message)
+        if isinstance(message, NetworkMessage):
+            return []
+        return self._receive_announcement(message, is_fresh=is_fresh)
 
     def _cause_of_own(self, datagram: bytes, sender: tuple[str, int] | None, now: float) -> Drop:
         """Whether a message with our PublisherId came back to us, or is another process's that has our keys."""
@@ -463,7 +481,7 @@ class Subscriber:
         if writer.gaps != gaps:
             self._probes.want(writer.key, now)  # who is asked says its last message again
 
-    def _receive_announcement(self, announcement: AnyAnnouncement) -> list[SubscriberEvent]:
+    def _receive_announcement(self, announcement: AnyAnnouncement, *, is_fresh: bool) -> list[SubscriberEvent]:
         publisher_id = announcement.publisher_id
         if publisher_id is None:
             self._counters.drop(Drop.UNKNOWN_SOURCE)
@@ -476,14 +494,48 @@ class Subscriber:
         elif not self._comes_in(publisher):
             self._counters.drop(Drop.LOOP)
             return []
+        if isinstance(announcement, ActionMetaDataAnnouncement) and not self._is_latest(
+            announcement, is_fresh=is_fresh
+        ):
+            self._counters.drop(Drop.RETAINED)
+            return []
         self._wishes.heard(announcement)
+        if isinstance(announcement, StatusAnnouncement):
+            return [AnnouncementReceived(announcement), *self._ended(publisher, announcement)]
         if not isinstance(announcement, MetaDataAnnouncement):
             return [AnnouncementReceived(announcement)]
         key = (publisher, announcement.data_set_writer_id)
-        if quality_of(announcement.status) is not Quality.BAD:  # otherwise there is no such writer (7.2.4.6.4)
-            self._catalog.announced(key, announcement.metadata)
+        if quality_of(announcement.status) is not Quality.BAD and not self._catalog.announced(
+            key, announcement.metadata, is_fresh=is_fresh
+        ):
+            self._counters.drop(Drop.RETAINED)
+            return []
         self._probes.answered(key)
         return []
+
+    def _is_latest(self, announcement: ActionMetaDataAnnouncement, *, is_fresh: bool) -> bool:
+        """Whether no later version of an Action is known; of a fresh one it is not asked. The latest is noted."""
+        key = announcement.publisher_id, announcement.data_set_writer_id
+        version = announcement.request.configuration_version
+        known = self._action_versions.get(key)
+        if not is_fresh and known is not None and known > version:
+            return False
+        if known is None and len(self._action_versions) >= self._max_writers:
+            del self._action_versions[next(iter(self._action_versions))]
+        self._action_versions[key] = version
+        return True
+
+    def _ended(self, publisher: PublisherKey, status: StatusAnnouncement) -> list[SubscriberEvent]:
+        """A publisher's connection is in error, as its broker says by the will: its sources are silent at once.
+
+        A will may be heard again at any time, by whoever recorded it: so a status makes nothing Good.
+        """
+        events: list[SubscriberEvent] = []
+        if status.state == PubSubState.ERROR:
+            for writer in self._writers.values():
+                if writer.key[0] == publisher:
+                    self._liveness.end(writer, events)
+        return events
 
     def _receive_probe(self, probe: Probe, now: float) -> list[SubscriberEvent]:
         publisher_id = probe.publisher_id
@@ -636,3 +688,13 @@ class Subscriber:
     def _count_malformed(self, error: RemoteWireError) -> None:
         self._counters.drop_malformed(error.cause)
         self._complaints.add(error)
+
+
+def _is_announcement(datagram: bytes) -> bool:
+    """Whether a datagram says that it is an announcement, secured or not."""
+    return (
+        len(datagram) > 2
+        and bool(datagram[0] & HAS_EXTENDED_FLAGS_1)
+        and bool(datagram[1] & HAS_EXTENDED_FLAGS_2)
+        and datagram[2] & MESSAGE_TYPE_BITS == MessageType.ANNOUNCEMENT << 2
+    )

@@ -14,6 +14,7 @@ import structlog
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.config.security import file_keys_of
+from ua_fleet.config.transports import open_transport
 from ua_fleet.endpoint.announced import announced_endpoints
 from ua_fleet.endpoint.hardened_server import HardenedServer, create_server
 from ua_fleet.endpoint.standard_nodes import forget_makers
@@ -34,7 +35,6 @@ from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.storage.server_records import ServerRecords
 from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Transport
-from ua_fleet.transport.udp import UdpTransport
 
 __all__ = ["application_uri", "run_server"]
 
@@ -60,7 +60,7 @@ async def run_server(
     Args:
         config: the checked `fleet.yaml`.
         config_dir: its folder; `server.state_dir` is relative to it.
-        transport: in place of the UDP transport that the configuration describes.
+        transport: in place of the one that the configuration describes.
         ready: called with the endpoint URL once clients can connect and data is received.
         rule: the loop rule.
         sent: told of each PubSub message that is sent, with its bytes on the wire.
@@ -94,7 +94,7 @@ async def run_server(
     try:
         with ServerRecords(state_dir) as records:
             given = await _given(config, configured, config_dir, server, monitor, records)
-            transport = transport or _udp(config.pubsub)
+            transport = transport or open_transport(config, config_dir, space=SERVER_SPACE)
             assembly = Assembly(given, transport, rule, sent)
             await _serve(server, assembly, mistakes, ready)
     finally:
@@ -150,7 +150,3 @@ async def _serve(
 def _has_key_service(config: PubSubConfig) -> bool:
     """Whether this server gives keys of message security to the bridges."""
     return config.security is not PubSubSecurity.NONE and config.keys.source == "service"
-
-
-def _udp(config: PubSubConfig) -> Transport:
-    return UdpTransport(config.url, config.interface, ttl=config.ttl, receive_buffer_bytes=config.receive_buffer_bytes)

@@ -210,11 +210,11 @@ class ServerCore:
 
     # What comes by PubSub.
 
-    def receive(self, datagram: bytes, sender: Address, *, now: float, wall: int) -> None:
-        """Take a datagram, and where it came from."""
+    def receive(self, datagram: bytes, sender: Address, *, now: float, wall: int, is_fresh: bool = True) -> None:
+        """Take a datagram, and where it came from; `is_fresh` as in `Subscriber.receive`."""
         self._nodes.begin_turn()
         try:
-            events = self._subscriber.receive(datagram, now, sender)
+            events = self._subscriber.receive(datagram, now, sender, is_fresh=is_fresh)
         except Exception as error:  # noqa: BLE001 - what a peer sends is refused without one: this is ours
             self._mistakes.caught("datagrams", error, client=f"{sender[0]}:{sender[1]}")
             return

@@ -14,6 +14,7 @@ from functools import partial
 from ua_fleet.config.applications import server_application
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import keys_needed
+from ua_fleet.config.teleoperation import setpoint_groups
 from ua_fleet.counters import Drop
 from ua_fleet.fleet.commands import Publication
 from ua_fleet.fleet.model import RobotModel
@@ -32,8 +33,10 @@ from ua_fleet.server.timer import Timer
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.transport.base import Address, Transport
+from ua_fleet.transport.party import Brokered, Party
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire.discovered import EndpointDescription
+from ua_fleet.wire.security import SecurityMode
 
 __all__ = ["Hub", "wall_ticks"]
 
@@ -84,6 +87,18 @@ class Hub:
         self._core = ServerCore(
             ground, parts, analog_rate_hz=config.server.analog_rate_hz, each_second=self._each_second
         )
+        if isinstance(transport, Brokered):
+            transport.speak_for(
+                Party(
+                    publisher_id=SERVER_SPACE,
+                    seal=self.envelope.seal,
+                    token=self.envelope.sending_token,
+                    is_secured=self.envelope.mode is not SecurityMode.NONE,
+                    names_of=ground.publisher.names_of,
+                    receive_kept=partial(self._receive, is_fresh=False),
+                    setpoint_groups=setpoint_groups(config),
+                )
+            )
         self._flush_is_due = False
 
     async def start(self) -> None:
@@ -114,16 +129,16 @@ class Hub:
         count = self._config.pubsub.keys.future_keys + 1
         await keep_keys(self.envelope, keys, self.keys_kept, count=count, mistakes=self._mistakes)
 
-    def _receive(self, datagram: bytes, sender: Address) -> None:
+    def _receive(self, datagram: bytes, sender: Address, *, is_fresh: bool = True) -> None:
         if self._recent.is_wanted:
             with self._mistakes.guard("recent messages"):
-                self._tap.received(datagram, sender, self._hand_on)
+                self._tap.received(datagram, sender, partial(self._hand_on, is_fresh=is_fresh))
         else:
-            self._core.receive(datagram, sender, now=self._loop.time(), wall=wall_ticks())
+            self._hand_on(datagram, sender, is_fresh=is_fresh)
         self._timer.sooner()
 
-    def _hand_on(self, datagram: bytes, sender: Address) -> None:
-        self._core.receive(datagram, sender, now=self._loop.time(), wall=wall_ticks())
+    def _hand_on(self, datagram: bytes, sender: Address, *, is_fresh: bool = True) -> None:
+        self._core.receive(datagram, sender, now=self._loop.time(), wall=wall_ticks(), is_fresh=is_fresh)
 
     def _poll(self, now: float) -> None:
         self._core.poll(now=now, wall=wall_ticks())

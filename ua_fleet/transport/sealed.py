@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.transport.base import Address, Sends
+from ua_fleet.transport.party import Brokered
 
 __all__ = ["SealedSender", "Sent", "Watched"]
 
@@ -24,13 +25,14 @@ class SealedSender:
     ) -> None:
         """`clock` is in seconds, and `sent` is told of each message."""
         self._envelope, self._transport, self._clock, self._sent = envelope, transport, clock, sent
+        self._send_part = transport.send_part if isinstance(transport, Brokered) else self._send_datagram
         self.watched: Watched | None = None
         """Told of each message that is sent; for who looks at messages."""
 
     def send(self, datagram: bytes, address: Address | None = None) -> None:
         """Send a plain message to all, or to one address alone; without a key it is dropped and counted."""
         for part in self._sealed(datagram, address):
-            self._transport.send(part, address)
+            self._send_part(part, datagram, address)
 
     def _sealed(self, datagram: bytes, address: Address | None) -> list[bytes]:
         """A message as it goes on the wire, which is told."""
@@ -40,6 +42,9 @@ class SealedSender:
         if sealed and self.watched is not None:
             self.watched(datagram, sealed, address)
         return sealed
+
+    def _send_datagram(self, part: bytes, _plain: bytes, address: Address | None) -> None:
+        self._transport.send(part, address)
 
     def send_all(self, datagrams: Iterable[bytes]) -> None:
         """Send plain messages to all."""

@@ -171,15 +171,19 @@ class Envelope:
             self.problem = ""
         return sealed
 
-    def open(self, datagram: bytes, now: float) -> bytes | None:
+    def open(self, datagram: bytes, now: float, *, is_fresh: bool = True) -> bytes | None:
         """The plain and whole message that a datagram is or completes; None where chunks are missing.
 
-        None too for the Actions of others, in whose group we are not: on multicast everybody hears them.
+        None too for the Actions of others, in whose group we are not: on multicast everybody hears them. What is not
+        fresh, since a broker has kept it, is verified and changes nothing here: it neither needs a nonce that was not
+        used nor uses one. Only discovery messages may be so, and no chunks.
 
         Raises:
             Refused: it was not let in.
             RemoteWireError: it is malformed.
         """
+        if not is_fresh:
+            return self._open_kept(datagram, now)
         if self._mode is _NONE:
             if len(datagram) > 2 and datagram[0] & HAS_EXTENDED_FLAGS_1 and datagram[1] & HAS_EXTENDED_FLAGS_2:
                 return self._open_unsecured(datagram, now)
@@ -214,6 +218,35 @@ class Envelope:
                 Drop.UNSUPPORTED, heard, self._mode
             )  # a chunk could be joined with those of other keys
         return self._verified(heard, group, _ANY_MEMBER, now)
+
+    def _open_kept(self, datagram: bytes, now: float) -> bytes:
+        """Open an announcement that a broker has kept."""
+        heard = read_security(datagram)
+        if not heard.is_discovery or datagram[2] & IS_CHUNK:
+            raise DatagramRefused(Drop.RETAINED, heard, self._mode)
+        if heard.publisher_id == self._own_space:
+            raise DatagramRefused(Drop.LOOP, heard)
+        if self._mode is _NONE:
+            return datagram
+        if heard.mode < self._mode:
+            raise DatagramRefused(Drop.NOT_SECURED, heard, self._mode)
+        group = self._telemetry.get(heard.publisher_id) or self._meet(heard)
+        if now >= group.keyring.changes_at:
+            group.keyring.advance(now)
+        token = group.keyring.tokens.get(heard.token_id)
+        if token is None:
+            group.keyring.ask()
+            raise DatagramRefused(Drop.UNKNOWN_TOKEN, heard, self._mode, group.group_id)
+        try:
+            return token.key.unprotect(heard)
+        except RemoteWireError:
+            raise DatagramRefused(Drop.BAD_SIGNATURE, heard, self._mode, group.group_id) from None
+
+    def sending_token(self, now: float) -> int:
+        """The SecurityTokenId of what is sent now; 0 where there is none."""
+        group = self._telemetry.get(self._own_space)
+        token = None if group is None else group.keyring.sending(now)
+        return 0 if token is None else token.token_id
 
     def is_of_another(self, datagram: bytes, now: float) -> bool:
         """Whether data with our PublisherId may be another process's.

@@ -1,0 +1,394 @@
+"""PubSub over an MQTT broker: the event loop and the library around `core.py`.
+
+MQTT 5 is asked for, and 3.1.1 where the broker refuses 5. Each connection is a new client with a clean session, so that
+nothing waits at the broker for a process that is away, and all that waits here waits in the outbox, by its rules. A
+connection that breaks, or on which nothing is acknowledged any more, is made anew after a random pause.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+import time
+from collections.abc import Callable
+from functools import partial
+from random import Random
+from typing import Any, Final
+
+import structlog
+from mqttium import (
+    BrokerDisconnectError,
+    ConnectRefusedError,
+    FlowControlError,
+    MalformedPacketError,
+    MQTTError,
+    MQTTProtocolVersion,
+    NotConnectedError,
+    PublishRejectedError,
+    QoS,
+)
+from mqttium.api import AsyncClient, Properties, PublishMessage, PublishReceipt, SubscribeOptions
+
+from ua_fleet.counters import Drop
+from ua_fleet.errors import TransportError
+from ua_fleet.transport.base import Address, Receive, TransportStats
+from ua_fleet.transport.mqtt.address import parse_broker_url
+from ua_fleet.transport.mqtt.core import MqttCore, Outgoing
+from ua_fleet.transport.mqtt.credentials import Credentials
+from ua_fleet.transport.mqtt.incoming import Verdict
+from ua_fleet.transport.mqtt.outbox import Outbox, Parcel
+from ua_fleet.transport.mqtt.topics import TopicTree
+from ua_fleet.transport.party import Party
+from ua_fleet.values import ticks_from_unix_ns
+
+__all__ = ["MqttTransport"]
+
+_CONNECT_TIMEOUT_S: Final = 5.0
+_FIRST_PAUSE_S: Final = 0.2
+_LONGEST_PAUSE_S: Final = 5.0
+_LASTED_S: Final = 10.0
+"""A connection that lasted so long worked: the next one is tried soon."""
+_CHECK_S: Final = 0.25
+_FLUSH_S: Final = 1.0
+"""So long the last messages have at the end."""
+_KEY_WAIT_S: Final = 0.1
+_MARGIN_BYTES: Final = 64 * 1024
+_UNACCEPTABLE_VERSION: Final = frozenset({0x84, 1})
+"""Of CONNACK: Unsupported Protocol Version of MQTT 5, and unacceptable protocol version of 3.1.1."""
+_TAKEN_OVER: Final = 0x8E
+_NOT_AUTHORIZED: Final = frozenset({0x87, 0x86, 4, 5})
+_CONTENT_TYPE: Final = "application/opcua+uadp"
+
+_log = structlog.get_logger(__name__)
+
+
+class MqttTransport:
+    """A Transport, and Brokered."""
+
+    def __init__(
+        self,
+        url: str,
+        tree: TopicTree,
+        credentials: Credentials | None = None,
+        *,
+        client_id: str | None = None,
+        qos: int = 1,
+        keep_alive_s: int = 5,
+        receive_timeout_s: float = 3.0,
+        most_waiting_bytes: int = 64 * 1024 * 1024,
+        max_message_bytes: int = 4 * 1024 * 1024,
+        hears_itself: bool = True,
+        random: Random | None = None,
+    ) -> None:
+        """Prepare a transport; nothing is opened before `start`.
+
+        Args:
+            url: `mqtt://<host>:<port>`, or `mqtts://`.
+            tree: the topics.
+            credentials: how to log in.
+            client_id: of the process; a random one for a tool.
+            qos: of data.
+            keep_alive_s: a lost connection is noticed within 1.5 of it.
+            receive_timeout_s: a keep-alive that is older is not delivered any more.
+            most_waiting_bytes: of values, while the broker is away or slow.
+            max_message_bytes: larger messages are not received.
+            hears_itself: whether what it sends comes back to it; with MQTT 3.1.1 it does.
+            random: makes the pauses.
+        """
+        self._url, self._address = url, parse_broker_url(url)
+        self._tree, self._credentials = tree, credentials or Credentials()
+        self._client_id = client_id or f"ua-fleet-tool-{secrets.token_hex(8)}"
+        self._qos, self._keep_alive_s, self._receive_timeout_s = qos, keep_alive_s, receive_timeout_s
+        self._most_waiting_bytes, self._max_message_bytes = most_waiting_bytes, max_message_bytes
+        self._hears_itself = hears_itself
+        self._random = random or Random()  # noqa: S311 - keeps no secret
+        self.stats = TransportStats(problem=f"{url}: not connected yet")
+        self._party: Party | None = None
+        self._core: MqttCore | None = None
+        self._receive: Receive | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._client: AsyncClient | None = None
+        """Connected and subscribed."""
+        self._lost: asyncio.Future[str] | None = None
+        """Why the present connection is over."""
+        self._version = MQTTProtocolVersion.MQTTv5
+        self._can_retain = True
+        self._most_qos = 2
+        self._told: dict[str, float] = {}
+        self._emptied = asyncio.Event()
+        """Whether there is nothing to wait for at the end."""
+        self._clock: Callable[[], float] = time.monotonic
+
+    def speak_for(self, party: Party) -> None:
+        """See Brokered."""
+        self._party = party
+        outbox = Outbox(most_bytes=self._most_waiting_bytes)
+        self._core = MqttCore(party, self._tree, outbox, qos=self._qos, keep_alive_expiry_s=self._receive_timeout_s)
+
+    def is_own(self, sender: Address) -> bool:
+        """Whether a message with our PublisherId and no signature of another may be our own, which comes back to us.
+
+        With MQTT 5 a broker can be told not to send it back; with 3.1.1 it cannot.
+        """
+        return self._hears_itself or self._version is not MQTTProtocolVersion.MQTTv5
+
+    def answer_address(self, response_address: str | None, sender: Address) -> Address | None:
+        """See Brokered."""
+        return None if self._core is None else self._core.answer_address(response_address, sender)
+
+    async def start(self, receive: Receive) -> None:
+        """Connect from now on, and again whenever the connection is lost; a broker that is away is waited for."""
+        if self._core is None:
+            raise TransportError(f"{self._url}: nobody has said who speaks there")
+        loop = asyncio.get_running_loop()
+        self._receive, self._clock = receive, loop.time
+        self._task = loop.create_task(self._keep_connected(), name=f"broker {self._url}")
+        self._timer = loop.call_later(_CHECK_S, self._check)
+
+    def send(self, datagram: bytes, address: Address | None = None) -> None:
+        """Send a message that is not secured."""
+        self.send_part(datagram, datagram, address)
+
+    def send_part(self, part: bytes, plain: bytes, address: Address | None = None) -> None:
+        """See Brokered."""
+        if self._core is None:
+            return
+        self._core.send(part, plain, address, self._clock(), ticks_from_unix_ns(time.time_ns()))
+        self._pump()
+
+    async def close(self) -> None:
+        """Send what is left for a moment, and disconnect. Safe to call twice."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if self._client is not None and self._core is not None:
+            if self._version is not MQTTProtocolVersion.MQTTv5:
+                self._core.clear_all(self._clock())
+            self._pump()
+            if not self._core.is_empty:
+                self._emptied.clear()
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(_FLUSH_S):
+                        await self._emptied.wait()
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+            self._task = None
+        self._count()
+
+    async def _keep_connected(self) -> None:
+        pause_s = _FIRST_PAUSE_S
+        while True:
+            began = self._clock()
+            try:
+                reason = await self._connect_and_stay()
+            except (MQTTError, OSError, TimeoutError, ValueError) as error:
+                reason = _reason(error)
+            if not reason:
+                continue
+            if self._clock() - began > _LASTED_S:
+                pause_s = _FIRST_PAUSE_S
+            self.stats.problem = f"{self._url}: {reason}"
+            self._tell(reason)
+            await asyncio.sleep(pause_s * self._random.uniform(0.5, 1.5))
+            pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
+
+    async def _connect_and_stay(self) -> str:
+        """Have one connection until it is over; why, or nothing where the next one is to be tried at once."""
+        assert self._core is not None
+        assert self._party is not None
+        will = self._core.will(self._clock())
+        if will is None and self._party.publisher_id is not None:
+            self.stats.problem = f"{self._url}: it waits for the keys of its own data"
+            await asyncio.sleep(_KEY_WAIT_S)
+            return ""
+        lost = self._lost = asyncio.get_running_loop().create_future()
+        client = self._make_client(will)
+        try:
+            try:
+                await client.connect(
+                    self._address.host, self._address.port, ssl=self._credentials.tls, timeout=_CONNECT_TIMEOUT_S
+                )
+            except (ConnectRefusedError, MalformedPacketError) as error:
+                if not self._falls_back(error):
+                    raise
+                return ""
+            await client.subscribe([(each, self._options()) for each in self._core.filters], timeout=_CONNECT_TIMEOUT_S)
+            self._opened(client)
+            return await lost
+        finally:
+            self._closed()
+            await _end(client)
+
+    def _make_client(self, will: bytes | None) -> AsyncClient:
+        assert self._core is not None
+        is_5 = self._version is MQTTProtocolVersion.MQTTv5
+        topic = self._core.status_topic
+        last: PublishMessage | None = None
+        if will is not None and topic is not None:
+            properties = _properties("status", None) if is_5 else None
+            last = PublishMessage(topic, will, qos=1, retain=True, properties=properties)
+        client = AsyncClient(
+            self._client_id,
+            protocol=self._version,
+            clean_start=True,
+            keepalive=self._keep_alive_s,
+            username=self._credentials.user,
+            password=self._credentials.password,
+            will=last,
+            maximum_packet_size=self._max_message_bytes + _MARGIN_BYTES,
+            message_delivery="callback",
+            ping_timeout=float(self._keep_alive_s),
+            connect_timeout=_CONNECT_TIMEOUT_S,
+        )
+        client.on_message = self._heard
+        client.on_disconnect = self._disconnected
+        return client
+
+    def _options(self) -> SubscribeOptions:
+        is_5 = self._version is MQTTProtocolVersion.MQTTv5
+        return SubscribeOptions(qos=QoS(max(self._qos, 1)), no_local=is_5 and not self._hears_itself)
+
+    def _falls_back(self, error: MQTTError) -> bool:
+        """Go on with MQTT 3.1.1 where a broker refuses 5, also with a CONNACK of 3.1.1."""
+        if self._version is not MQTTProtocolVersion.MQTTv5:
+            return False
+        if isinstance(error, ConnectRefusedError) and error.reason_code not in _UNACCEPTABLE_VERSION:
+            return False
+        self._version = MQTTProtocolVersion.MQTTv311
+        _log.warning(
+            "the MQTT broker refuses MQTT 5, so 3.1.1 is used, where nothing expires", url=self._url
+        )
+        return True
+
+    def _opened(self, client: AsyncClient) -> None:
+        assert self._core is not None
+        negotiated = client.negotiated
+        self._can_retain, self._most_qos = negotiated.retain_available, negotiated.maximum_qos
+        self._client = client
+        self.stats.problem = "" if self._can_retain else f"{self._url}: the broker retains nothing"
+        self._told.clear()
+        version = "5" if self._version is MQTTProtocolVersion.MQTTv5 else "3.1.1"
+        _log.info("connected to the MQTT broker", url=self._url, mqtt=version, client_id=self._client_id)
+        self._core.connected(self._clock())
+        self._pump()
+
+    def _closed(self) -> None:
+        if self._client is not None and self._core is not None:
+            self._core.disconnected()
+        self._client = self._lost = None
+        self._emptied.set()
+
+    def _disconnected(self, error: BaseException | None) -> None:
+        if isinstance(error, BrokerDisconnectError) and error.reason_code == _TAKEN_OVER and self._party is not None:
+            self._party.taken_over()
+        self._end("the connection was closed" if error is None else _reason(error))
+
+    def _end(self, reason: str) -> None:
+        if self._lost is not None and not self._lost.done():
+            self._lost.set_result(reason)
+
+    def _heard(self, message: Any) -> None:
+        core, party, receive = self._core, self._party, self._receive
+        assert core is not None
+        assert party is not None
+        assert receive is not None
+        self.stats.received += 1
+        verdict = core.received(message.topic, message.payload, self._clock(), is_retained=message.retain)
+        if verdict is Verdict.FRESH:
+            receive(message.payload, (message.topic, 0))
+        elif verdict is Verdict.KEPT:
+            party.receive_kept(message.payload, (message.topic, 0))
+
+    def _pump(self) -> None:
+        """Hand over what may be sent now."""
+        client, core = self._client, self._core
+        if client is None or core is None:
+            return
+        for outgoing in core.take(self._clock()):
+            self._publish(client, core, outgoing)
+
+    def _publish(self, client: AsyncClient, core: MqttCore, outgoing: Outgoing) -> None:
+        is_5 = self._version is MQTTProtocolVersion.MQTTv5
+        try:
+            receipt = client.publish_nowait(
+                outgoing.topic,
+                outgoing.payload,
+                qos=min(outgoing.qos, self._most_qos),
+                retain=outgoing.is_retained and self._can_retain,
+                properties=_properties(outgoing.kind.value, outgoing.expiry_s) if is_5 else None,
+            )
+        except (FlowControlError, NotConnectedError) as error:
+            self._end(_reason(error))  # what is in flight waits again, in its place
+        except (MQTTError, ValueError) as error:
+            core.acknowledged(outgoing.parcel, is_refused=True)
+            self._tell(f"a message to {outgoing.topic} was refused: {_reason(error)}")
+        else:
+            self.stats.sent += 1
+            receipt.add_done_callback(partial(self._done, client, outgoing.parcel))
+
+    def _done(self, client: AsyncClient, parcel: Parcel, receipt: PublishReceipt) -> None:
+        if client is not self._client or self._core is None:
+            return  # of a connection that is over: what was in flight waits again
+        error = receipt.exception()
+        if error is not None and not isinstance(error, PublishRejectedError):
+            return
+        if error is not None:
+            topic = parcel.topic or parcel.subject.topic
+            self._tell(f"the broker refused a message to {topic} with reason code {error.reason_code:#04x}")
+        self._core.acknowledged(parcel, is_refused=error is not None)
+        self._pump()
+        if self._core.is_empty:
+            self._emptied.set()
+
+    def _check(self) -> None:
+        """Four times a second: what is due, and whether the broker still answers."""
+        assert self._core is not None
+        self._timer = asyncio.get_running_loop().call_later(_CHECK_S, self._check)
+        now = self._clock()
+        self._core.poll(now)
+        if self._client is not None and self._core.is_stuck(now):
+            self._end("the broker does not acknowledge what it is sent")
+        self._pump()
+        self._count()
+
+    def _count(self) -> None:
+        if self._core is not None:
+            for cause, count in self._core.take_drops().items():
+                self.stats.drops[Drop(cause)] += count
+
+    def _tell(self, reason: str) -> None:
+        """Log a problem once in a minute."""
+        now = self._clock()
+        if now - self._told.get(reason, float("-inf")) >= 60.0:
+            if len(self._told) > 100:
+                self._told.clear()
+            self._told[reason] = now
+            _log.warning("problem with the MQTT broker", url=self._url, problem=reason)
+
+
+def _properties(kind: str, expiry_s: int | None) -> Properties:
+    """The properties of a message (OPC 10000-14 table 207)."""
+    values: dict[str, Any] = {"content_type": _CONTENT_TYPE, "user_property": ("UAMessageType", f"ua-{kind}")}
+    if expiry_s is not None:
+        values["message_expiry_interval"] = expiry_s
+    return Properties(values)
+
+
+def _reason(error: BaseException) -> str:
+    if isinstance(error, ConnectRefusedError) and error.reason_code in _NOT_AUTHORIZED:
+        return "the broker refuses this user or certificate; look at `pubsub.broker` and at the broker's users"
+    if isinstance(error, BrokerDisconnectError) and error.reason_code == _TAKEN_OVER:
+        return "another process has connected to the broker as this one"
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+async def _end(client: AsyncClient) -> None:
+    """Leave a broker in order, as far as it answers."""
+    try:
+        async with asyncio.timeout(_FLUSH_S):
+            await client.disconnect()
+    except (MQTTError, OSError, TimeoutError):
+        pass

@@ -258,9 +258,7 @@ class MqttTransport:
         if isinstance(error, ConnectRefusedError) and error.reason_code not in _UNACCEPTABLE_VERSION:
             return False
         self._version = MQTTProtocolVersion.MQTTv311
-        _log.warning(
-            "the MQTT broker refuses MQTT 5, so 3.1.1 is used, where nothing expires", url=self._url
-        )
+        _log.warning("the MQTT broker refuses MQTT 5, so 3.1.1 is used, where nothing expires", url=self._url)
         return True
 
     def _opened(self, client: AsyncClient) -> None:

@@ -17,7 +17,9 @@ import resource
 import socket
 import struct
 import sys
+import threading
 import time
+from importlib import import_module
 from typing import Any
 
 IN_FLIGHT = 500
@@ -65,7 +67,7 @@ async def by_tasks(publish: Any, measured: Measured) -> None:
 async def stalled_tasks(publish: Any, count: int) -> dict[str, Any]:
     """How many calls are taken while nothing is acknowledged, where each waits for its acknowledgement."""
     measured = Measured(count)
-    tasks = []
+    tasks: list[asyncio.Future[Any]] = []
     for number in range(count):
         tasks.append(asyncio.ensure_future(publish()))
         measured.done += 1
@@ -83,13 +85,12 @@ async def stalled_tasks(publish: Any, count: int) -> dict[str, Any]:
 
 
 async def mqttium_(scenario: str, port: int, count: int) -> dict[str, Any]:
-    from mqttium import FlowControlError, MQTTProtocolVersion
-    from mqttium.api import AsyncClient
-
+    mqttium: Any = import_module("mqttium")
+    api: Any = import_module("mqttium.api")
     received = asyncio.Event()
-    client = AsyncClient(
+    client = api.AsyncClient(
         f"bench-{scenario}",
-        protocol=MQTTProtocolVersion.MQTTv5,
+        protocol=mqttium.MQTTProtocolVersion.MQTTv5,
         max_outbound_inflight=IN_FLIGHT,
         max_unacknowledged_messages=2 * IN_FLIGHT,
         max_unacknowledged_bytes=4 * 1024 * 1024,
@@ -114,7 +115,7 @@ async def mqttium_(scenario: str, port: int, count: int) -> dict[str, Any]:
         for _ in range(count):
             try:
                 client.publish_nowait(TOPIC, LARGE, qos=1)
-            except FlowControlError as error:
+            except mqttium.FlowControlError as error:
                 refused = type(error).__name__
                 break
             measured.done += 1
@@ -143,10 +144,9 @@ async def mqttium_(scenario: str, port: int, count: int) -> dict[str, Any]:
 
 
 async def gmqtt_(scenario: str, port: int, count: int) -> dict[str, Any]:
-    from gmqtt import Client, Message
-
+    gmqtt: Any = import_module("gmqtt")
     received = asyncio.Event()
-    client = Client(f"bench-{scenario}")
+    client = gmqtt.Client(f"bench-{scenario}")
     measured = Measured(count)
 
     def on_message(*_arguments: Any) -> int:
@@ -157,10 +157,14 @@ async def gmqtt_(scenario: str, port: int, count: int) -> dict[str, Any]:
 
     client.on_message = on_message
     await client.connect("127.0.0.1", port)
-    storage: Any = client._persistent_storage
+    storage: Any = getattr(client, "_persistent_storage")  # noqa: B009 - it has no other way
     if scenario == "receive":
         subscribed = asyncio.Event()
-        client.on_subscribe = lambda *_: subscribed.set()
+
+        def on_subscribe(*_arguments: Any) -> None:
+            subscribed.set()
+
+        client.on_subscribe = on_subscribe
         client.subscribe(TOPIC, qos=1)
         await subscribed.wait()
         print("ready", flush=True)
@@ -168,14 +172,14 @@ async def gmqtt_(scenario: str, port: int, count: int) -> dict[str, Any]:
         return measured.result()
     if scenario == "stalled":
         for _ in range(count):
-            client.publish(Message(TOPIC, LARGE, qos=1))
+            client.publish(gmqtt.Message(TOPIC, LARGE, qos=1))
             measured.done += 1
             await asyncio.sleep(0)
             if time.perf_counter() - measured.start > STALL_S:
                 break
         return measured.result(refused="")
     # It tells nobody of an acknowledgement; its store of unacknowledged messages is the only place to look.
-    removed = storage.remove_message_by_mid
+    removed: Any = storage.remove_message_by_mid
     room = asyncio.Event()
     flying = 0
 
@@ -193,7 +197,7 @@ async def gmqtt_(scenario: str, port: int, count: int) -> dict[str, Any]:
             room.clear()
             await room.wait()
         flying += 1
-        client.publish(Message(TOPIC, PAYLOAD, qos=1))
+        client.publish(gmqtt.Message(TOPIC, PAYLOAD, qos=1))
     while flying:
         room.clear()
         await room.wait()
@@ -201,11 +205,11 @@ async def gmqtt_(scenario: str, port: int, count: int) -> dict[str, Any]:
 
 
 async def zmqtt_(scenario: str, port: int, count: int) -> dict[str, Any]:
-    from zmqtt import QoS, create_client
-
-    async with create_client("127.0.0.1", port, client_id=f"bench-{scenario}", version="5.0") as client:
+    zmqtt: Any = import_module("zmqtt")
+    at_least_once = zmqtt.QoS.AT_LEAST_ONCE
+    async with zmqtt.create_client("127.0.0.1", port, client_id=f"bench-{scenario}", version="5.0") as client:
         if scenario == "receive":
-            async with client.subscribe(TOPIC, qos=QoS.AT_LEAST_ONCE) as messages:
+            async with client.subscribe(TOPIC, qos=at_least_once) as messages:
                 print("ready", flush=True)
                 measured = Measured(count)
                 async for _ in messages:
@@ -213,15 +217,14 @@ async def zmqtt_(scenario: str, port: int, count: int) -> dict[str, Any]:
                     if measured.done == count:
                         return measured.result()
         if scenario == "stalled":
-            return await stalled_tasks(lambda: client.publish(TOPIC, LARGE, qos=QoS.AT_LEAST_ONCE), count)
+            return await stalled_tasks(lambda: client.publish(TOPIC, LARGE, qos=at_least_once), count)
         measured = Measured(count)
-        await by_tasks(lambda: client.publish(TOPIC, PAYLOAD, qos=QoS.AT_LEAST_ONCE), measured)
+        await by_tasks(lambda: client.publish(TOPIC, PAYLOAD, qos=at_least_once), measured)
         return measured.result()
 
 
 async def aiomqtt_(scenario: str, port: int, count: int) -> dict[str, Any]:
-    import aiomqtt
-
+    aiomqtt: Any = import_module("aiomqtt")
     many = 1_000_000
     async with aiomqtt.Client(
         "127.0.0.1",
@@ -247,12 +250,12 @@ async def aiomqtt_(scenario: str, port: int, count: int) -> dict[str, Any]:
 
 
 async def awscrt_(scenario: str, port: int, count: int) -> dict[str, Any]:
-    import threading
-
-    from awscrt import mqtt5
-
+    mqtt5: Any = import_module("awscrt.mqtt5")
     connected, received = threading.Event(), threading.Event()
     measured = Measured(count)
+
+    def on_connected(_data: Any) -> None:
+        connected.set()
 
     def on_publish(_data: Any) -> None:
         measured.done += 1
@@ -264,7 +267,7 @@ async def awscrt_(scenario: str, port: int, count: int) -> dict[str, Any]:
             host_name="127.0.0.1",
             port=port,
             connect_options=mqtt5.ConnectPacket(client_id=f"bench-{scenario}"),
-            on_lifecycle_event_connection_success_fn=lambda _: connected.set(),
+            on_lifecycle_event_connection_success_fn=on_connected,
             on_publish_callback_fn=on_publish,
         )
     )
@@ -296,6 +299,9 @@ async def awscrt_(scenario: str, port: int, count: int) -> dict[str, Any]:
         measured.done += 1
         room.set()
 
+    def acknowledged(_future: Any) -> None:
+        loop.call_soon_threadsafe(done)
+
     measured = Measured(count)
     for _ in range(count):
         while flying >= IN_FLIGHT:
@@ -303,7 +309,7 @@ async def awscrt_(scenario: str, port: int, count: int) -> dict[str, Any]:
             await room.wait()
         flying += 1
         future = client.publish(mqtt5.PublishPacket(topic=TOPIC, payload=PAYLOAD, qos=mqtt5.QoS.AT_LEAST_ONCE))
-        future.add_done_callback(lambda _: loop.call_soon_threadsafe(done))
+        future.add_done_callback(acknowledged)
     while flying:
         room.clear()
         await room.wait()
@@ -312,9 +318,8 @@ async def awscrt_(scenario: str, port: int, count: int) -> dict[str, Any]:
 
 async def pymosquitto_(scenario: str, port: int, count: int) -> dict[str, Any]:
     """On the event loop, as a transport of ours would use it."""
-    from pymosquitto.aio import TrueAsyncMosquitto
-
-    async with TrueAsyncMosquitto(f"bench-{scenario}") as client:
+    aio: Any = import_module("pymosquitto.aio")
+    async with aio.TrueAsyncMosquitto(f"bench-{scenario}") as client:
         await client.connect("127.0.0.1", port)
         if scenario == "receive":
             await client.subscribe(TOPIC, qos=1)

@@ -58,6 +58,7 @@ from ua_fleet.skill.responder import (
     Query,
     Respond,
     ResponderEffect,
+    ResponderLimits,
 )
 from ua_fleet.topics import LoopVerdict, Side, Topic, loop_verdict
 from ua_fleet.transport.addresses import answer_address
@@ -104,6 +105,7 @@ class Actions:
         definitions: Mapping[Topic, str] = MappingProxyType({}),
         skills_period_s: float = SKILLS_PERIOD_S,
         answers: Answers = answer_address,
+        limits: ResponderLimits | None = None,
     ) -> None:
         """Connect the parts.
 
@@ -125,6 +127,7 @@ class Actions:
             definitions: what robots are, by the topics of their SkillStatus; announced with these.
             skills_period_s: how often the driver is asked what skills there are.
             answers: finds where a response goes.
+            limits: of the responder; the usual ones if left out.
         """
         self._answer_address = answers
         self._space, self._publisher, self._counters, self._driver = space, publisher, counters, driver
@@ -137,7 +140,12 @@ class Actions:
         )
         self._followed = followed
         self._responder = ActionResponder(
-            space, journal, counters, allowed_spaces=requestors, must_be_verified=must_be_verified
+            space,
+            journal,
+            counters,
+            allowed_spaces=requestors,
+            must_be_verified=must_be_verified,
+            limits=limits or ResponderLimits(),
         )
         self._board = StatusBoard(core, definitions)
         self._changed: list[skill_journal.RecordedExecution] = []

@@ -54,6 +54,7 @@ from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.skill.journal import MemoryJournal, ResponderJournal
+from ua_fleet.skill.responder import ResponderLimits
 from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.storage.lease_numbers import LeaseNumbers
 from ua_fleet.storage.process_lock import process_lock
@@ -182,6 +183,7 @@ class _Shell:
             rule=rule,
             definitions=announced_robots(config, bridge_name),
             answers=answers_of(transport),
+            limits=limits_of(transport),
         )
         self.teleoperation = self._driven(config, state_dir, publisher)
         if isinstance(transport, KnowsItself):
@@ -241,6 +243,7 @@ class _Shell:
             told=lambda text, robot, detail: self._log.info(text, robot=robot, detail=detail),
             loop=self._loop,
             answers=answers_of(self._transport),
+            limits=limits_of(self._transport),
         )
         self._actions.driven_by = driven.driven_by
         return driven
@@ -362,6 +365,11 @@ class _Shell:
                 self._name, self._bridge.kind, status, self.counters, lag_p99_s=lag_p99_s, oldest_s=oldest_s
             )
             self._core.tell(self._status_topic, values, _wall_ticks(), now=now)
+
+
+def limits_of(transport: Transport) -> ResponderLimits:
+    """A broker may hold a request back for as long as it likes, so that none is taken after its TimeoutHint."""
+    return ResponderLimits(late_tolerance_s=0.0) if isinstance(transport, Brokered) else ResponderLimits()
 
 
 async def run_bridge(

@@ -30,7 +30,7 @@ from ua_fleet.pubsub.metadata import fields_version, type_codes
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.skill.executions import ExecutionReport, ExecutionState, Target, pack, unpack
 from ua_fleet.skill.journal import MemoryJournal, RecordedExecution
-from ua_fleet.skill.responder import ActionResponder, Execute, Offer, Respond, ResponderEffect
+from ua_fleet.skill.responder import ActionResponder, Execute, Offer, Respond, ResponderEffect, ResponderLimits
 from ua_fleet.teleoperation import Control, TeleoperationModel
 from ua_fleet.teleoperation.messages import (
     ACQUIRE,
@@ -85,6 +85,7 @@ class BridgeTeleoperation:
         told: Callable[[str, str, str], None],
         loop: asyncio.AbstractEventLoop,
         answers: Answers = answer_address,
+        limits: ResponderLimits | None = None,
     ) -> None:
         """Connect the parts.
 
@@ -106,6 +107,7 @@ class BridgeTeleoperation:
             told: told for the log what became of a lease, with the robot's name and the holder or the reason.
             loop: for the timer.
             answers: finds where a response goes.
+            limits: of the responder; the usual ones if left out.
         """
         self._answer_address = answers
         self._space, self._publisher, self._counters, self._driver = space, publisher, counters, driver
@@ -115,7 +117,12 @@ class BridgeTeleoperation:
         self._by_writer = {model.setpoints.data_set_writer_id: self._controls[model.robot] for model in models}
         self._by_action = {topic.id: self._controls[model.robot] for model in models for topic in model.actions}
         self._responder = ActionResponder(
-            space, MemoryJournal(), counters, allowed_spaces=requestors, must_be_verified=must_be_verified
+            space,
+            MemoryJournal(),
+            counters,
+            allowed_spaces=requestors,
+            must_be_verified=must_be_verified,
+            limits=limits or ResponderLimits(),
         )
         self._ends: dict[str, int] = {}
         """How many ends of leases were told, by robot."""

@@ -49,7 +49,7 @@ class PubSubConfig(Model, frozen=True):
     security: PubSubSecurity = Field(examples=["sign_and_encrypt"])
     """`sign_and_encrypt`, or `sign` where all may read. `none` sends and accepts unsigned messages. There is no
     default."""
-    url: Annotated[str, Field(pattern=r"^(opc\.udp://[^/]+:\d{1,5}|mqtts?://[^/@]+)$")] = "opc.udp://224.0.2.14:4840"
+    url: Annotated[str, Field(pattern=r"^(opc\.udp://[^/]+:\d{1,5}|mqtts?://[^/]+)$")] = "opc.udp://224.0.2.14:4840"
     """Multicast group (or a unicast address) and port (OPC 10000-14 7.3.2), or an MQTT broker: `mqtt://<host>:<port>`,
     `mqtts://` for TLS."""
     broker: BrokerConfig = BrokerConfig()

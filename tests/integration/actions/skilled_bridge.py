@@ -18,8 +18,8 @@ from tests.contract.virtual import Bus
 from ua_fleet.bridge.runner import run_bridge
 from ua_fleet.config.schema import FleetConfig, PubSubSecurity
 from ua_fleet.config.security import file_keys_of
+from ua_fleet.config.transports import open_transport
 from ua_fleet.errors import UaFleetError
-from ua_fleet.transport.udp import UdpTransport
 
 
 async def main(path: Path, name: str, machine: Path) -> int:
@@ -32,7 +32,7 @@ async def main(path: Path, name: str, machine: Path) -> int:
             config,
             name,
             SkilledDriver(space, bus, Machine(machine)),
-            UdpTransport(config.pubsub.url, config.pubsub.interface),
+            open_transport(config, path.parent, space=space),
             state_dir=path.parent / config.state_dir_of(name),
             keys=None if config.pubsub.security is PubSubSecurity.NONE else file_keys_of(config, space, path.parent),
             ready=lambda: print("ready", flush=True),

@@ -20,10 +20,10 @@ import structlog
 from ua_fleet.bridge import Driver, DriverStatus, Inlet, SampleRead, SourceFound, run_bridge
 from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.transports import open_transport
 from ua_fleet.errors import UaFleetError
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
-from ua_fleet.transport.udp import UdpTransport
 from ua_fleet.values import BuiltinType
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
@@ -68,10 +68,7 @@ class CountingDriver(Driver):
 
 async def main(path: Path, name: str) -> int:
     config = FleetConfig.model_validate(json.loads(path.read_text()))
-    pubsub = config.pubsub
-    transport = UdpTransport(
-        pubsub.url, pubsub.interface, ttl=pubsub.ttl, receive_buffer_bytes=pubsub.receive_buffer_bytes
-    )
+    transport = open_transport(config, path.parent, space=config.bridges[name].space)
     state_dir = path.parent / config.state_dir_of(name)
 
     async def bridged() -> None:

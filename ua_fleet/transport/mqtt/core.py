@@ -145,10 +145,10 @@ class MqttCore:
         if is_refused:
             self._drop(Drop.BROKER_REFUSED)
 
-    def connected(self, now: float) -> None:
-        """There is a connection."""
+    def connected(self, now: float, receive_maximum: int = 65_535) -> None:
+        """There is a connection, to a broker that takes so many messages in flight."""
         self._token = self._party.token(now)
-        self._outbox.connected(now)
+        self._outbox.connected(now, receive_maximum)
 
     def disconnected(self) -> None:
         """There is none any more."""

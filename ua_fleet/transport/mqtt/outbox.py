@@ -86,7 +86,8 @@ class Outbox:
         """
         self.drops: dict[Drop, int] = {}
         """What was dropped, by cause."""
-        self._most_bytes, self._most_age_s, self._window = most_bytes, most_age_s, window_messages
+        self._most_bytes, self._most_age_s = most_bytes, most_age_s
+        self._most_in_flight = self._window = window_messages
         self._is_connected = False
         self._kept: dict[str, Parcel] = {}
         """What the broker is to retain, by topic, in the order of its first announcement."""
@@ -138,9 +139,16 @@ class Outbox:
         """What is kept could not be secured: it waits for a key (`renewed`)."""
         self.acknowledged(parcel)
 
-    def connected(self, now: float) -> None:
-        """There is a connection: everything that is kept goes again, with a status that says so."""
+    def connected(self, now: float, receive_maximum: int = 65_535) -> None:
+        """There is a connection: everything that is kept goes again, with a status that says so.
+
+        Args:
+            now: the time.
+            receive_maximum: so many messages the broker takes in flight. More would wait in the client, where no
+                command overtakes them.
+        """
         self._is_connected = True
+        self._window = min(self._most_in_flight, receive_maximum)
         self.renewed(now)
 
     def renewed(self, now: float) -> None:

@@ -25,8 +25,10 @@ from mqttium import (
     MQTTError,
     MQTTProtocolVersion,
     NotConnectedError,
+    ProtocolError,
     PublishRejectedError,
     QoS,
+    SubscribeError,
 )
 from mqttium.api import AsyncClient, Properties, PublishMessage, PublishReceipt, SubscribeOptions
 
@@ -37,7 +39,7 @@ from ua_fleet.transport.mqtt.address import parse_broker_url
 from ua_fleet.transport.mqtt.core import MqttCore, Outgoing
 from ua_fleet.transport.mqtt.credentials import Credentials
 from ua_fleet.transport.mqtt.incoming import Verdict
-from ua_fleet.transport.mqtt.outbox import Outbox, Parcel
+from ua_fleet.transport.mqtt.outbox import WINDOW_BYTES, Outbox, Parcel
 from ua_fleet.transport.mqtt.topics import TopicTree
 from ua_fleet.transport.party import Party
 from ua_fleet.values import ticks_from_unix_ns
@@ -49,14 +51,21 @@ _FIRST_PAUSE_S: Final = 0.2
 _LONGEST_PAUSE_S: Final = 5.0
 _LASTED_S: Final = 10.0
 """A connection that lasted so long worked: the next one is tried soon."""
+_RIVALS_AFTER: Final = 3
+"""So many that did not last may be those of two processes with one ClientID: not every broker says so."""
 _CHECK_S: Final = 0.25
 _FLUSH_S: Final = 1.0
 """So long the last messages have at the end."""
+_CANCEL_AGAIN_S: Final = 0.5
 _KEY_WAIT_S: Final = 0.1
 _MARGIN_BYTES: Final = 64 * 1024
+_CLIENT_BYTES: Final = 4 * WINDOW_BYTES
+"""Bound of the client: above that of the outbox, which so decides alone what waits."""
 _UNACCEPTABLE_VERSION: Final = frozenset({0x84, 1})
 """Of CONNACK: Unsupported Protocol Version of MQTT 5, and unacceptable protocol version of 3.1.1."""
 _TAKEN_OVER: Final = 0x8E
+_FAILURE: Final = 0x80
+"""The first reason code that says no."""
 _NOT_AUTHORIZED: Final = frozenset({0x87, 0x86, 4, 5})
 _CONTENT_TYPE: Final = "application/opcua+uadp"
 
@@ -114,6 +123,10 @@ class MqttTransport:
         self._lost: asyncio.Future[str] | None = None
         """Why the present connection is over."""
         self._version = MQTTProtocolVersion.MQTTv5
+        self._is_closing = False
+        self._short = 0
+        """Connections one after the other that were made and did not last."""
+        self._has_told_version = False
         self._can_retain = True
         self._most_qos = 2
         self._told: dict[str, float] = {}
@@ -172,24 +185,34 @@ class MqttTransport:
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(_FLUSH_S):
                         await self._emptied.wait()
-        if self._task is not None:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
-            self._task = None
+        self._is_closing = True
+        task, self._task = self._task, None
+        while task is not None and not task.done():
+            task.cancel()  # once is not enough: the client may take it for the end of what it was at
+            await asyncio.wait([task], timeout=_CANCEL_AGAIN_S)
         self._count()
 
     async def _keep_connected(self) -> None:
         pause_s = _FIRST_PAUSE_S
-        while True:
+        while not self._is_closing:
             began = self._clock()
             try:
                 reason = await self._connect_and_stay()
             except (MQTTError, OSError, TimeoutError, ValueError) as error:
                 reason = _reason(error)
+            except Exception as error:  # noqa: BLE001 - it costs this connection, and the next one is made
+                reason = _reason(error)
+                _log.error("a mistake has ended the connection to the MQTT broker", url=self._url, exc_info=error)
             if not reason:
                 continue
             if self._clock() - began > _LASTED_S:
-                pause_s = _FIRST_PAUSE_S
+                pause_s, self._short = _FIRST_PAUSE_S, 0
+            if self._short >= _RIVALS_AFTER:
+                reason = (
+                    f"{reason}; it is closed each time: is there another process with the ClientID {self._client_id}?"
+                )
+                if self._party is not None:
+                    self._party.taken_over()
             self.stats.problem = f"{self._url}: {reason}"
             self._tell(reason)
             await asyncio.sleep(pause_s * self._random.uniform(0.5, 1.5))
@@ -211,11 +234,20 @@ class MqttTransport:
                 await client.connect(
                     self._address.host, self._address.port, ssl=self._credentials.tls, timeout=_CONNECT_TIMEOUT_S
                 )
-            except (ConnectRefusedError, MalformedPacketError) as error:
+            except (MalformedPacketError, ProtocolError) as error:
                 if not self._falls_back(error):
                     raise
                 return ""
-            await client.subscribe([(each, self._options()) for each in self._core.filters], timeout=_CONNECT_TIMEOUT_S)
+            filters = self._core.filters
+            try:
+                await client.subscribe([(each, self._options()) for each in filters], timeout=_CONNECT_TIMEOUT_S)
+            except SubscribeError as error:
+                refused = [
+                    each for each, code in zip(filters, error.result.reason_codes, strict=True) if code >= _FAILURE
+                ]
+                self._tell(f"the broker refuses to deliver {', '.join(refused)}; look at this user's rights there")
+                if len(refused) == len(filters):
+                    raise
             self._opened(client)
             return await lost
         finally:
@@ -239,6 +271,8 @@ class MqttTransport:
             password=self._credentials.password,
             will=last,
             maximum_packet_size=self._max_message_bytes + _MARGIN_BYTES,
+            max_write_queue_bytes=_CLIENT_BYTES,
+            max_unacknowledged_bytes=_CLIENT_BYTES,
             message_delivery="callback",
             ping_timeout=float(self._keep_alive_s),
             connect_timeout=_CONNECT_TIMEOUT_S,
@@ -252,13 +286,16 @@ class MqttTransport:
         return SubscribeOptions(qos=QoS(max(self._qos, 1)), no_local=is_5 and not self._hears_itself)
 
     def _falls_back(self, error: MQTTError) -> bool:
-        """Go on with MQTT 3.1.1 where a broker refuses 5, also with a CONNACK of 3.1.1."""
-        if self._version is not MQTTProtocolVersion.MQTTv5:
-            return False
+        """Go on with MQTT 3.1.1 where a broker refuses 5, also with a CONNACK of 3.1.1; and back where that fails too.
+
+        What refuses with another reason than the version is left as it is.
+        """
         if isinstance(error, ConnectRefusedError) and error.reason_code not in _UNACCEPTABLE_VERSION:
             return False
+        if self._version is not MQTTProtocolVersion.MQTTv5:
+            self._version = MQTTProtocolVersion.MQTTv5
+            return False
         self._version = MQTTProtocolVersion.MQTTv311
-        _log.warning("the MQTT broker refuses MQTT 5, so 3.1.1 is used, where nothing expires", url=self._url)
         return True
 
     def _opened(self, client: AsyncClient) -> None:
@@ -266,11 +303,15 @@ class MqttTransport:
         negotiated = client.negotiated
         self._can_retain, self._most_qos = negotiated.retain_available, negotiated.maximum_qos
         self._client = client
+        self._short += 1
         self.stats.problem = "" if self._can_retain else f"{self._url}: the broker retains nothing"
         self._told.clear()
+        if self._version is not MQTTProtocolVersion.MQTTv5 and not self._has_told_version:
+            self._has_told_version = True
+            _log.warning("the MQTT broker refuses MQTT 5, so 3.1.1 is used, where nothing expires", url=self._url)
         version = "5" if self._version is MQTTProtocolVersion.MQTTv5 else "3.1.1"
         _log.info("connected to the MQTT broker", url=self._url, mqtt=version, client_id=self._client_id)
-        self._core.connected(self._clock())
+        self._core.connected(self._clock(), negotiated.receive_maximum)
         self._pump()
 
     def _closed(self) -> None:

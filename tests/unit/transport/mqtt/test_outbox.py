@@ -195,6 +195,19 @@ def test_what_is_cleared_is_sent_as_nothing_also_after_a_break() -> None:
     assert taken(outbox, 0.2) == []
 
 
+def test_no_more_is_in_flight_than_the_broker_takes() -> None:
+    outbox = Outbox()
+    outbox.connected(0.0, receive_maximum=2)
+    for number in range(5):
+        outbox.put(value(1, number), 0.0)
+    first, second = outbox.take(0.0)
+    outbox.put(command(), 0.0)
+    outbox.acknowledged(first)
+    assert [parcel.plain for parcel in outbox.take(0.0)] == [b"command"], "it goes before the values that wait"
+    outbox.acknowledged(second)
+    assert [parcel.plain for parcel in outbox.take(0.0)] == [b"1:2"]
+
+
 def test_a_broker_that_acknowledges_nothing_is_noticed() -> None:
     outbox = connected()
     outbox.put(value(1, 0), 0.0)

@@ -29,7 +29,7 @@ PROGRAM = Path(__file__).parent / "_mqtt_client.py"
 OURS = "mqttium"
 LIBRARIES = (OURS, "gmqtt", "zmqtt", "aiomqtt", "awscrt", "pymosquitto")
 MESSAGES = 10_000
-STALLED = 200_000
+STALLED = 50_000
 GOAL = 0.25
 CONFIGURATION = """\
 listener {port} 127.0.0.1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from ipaddress import IPv4Network
+from ipaddress import ip_network
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -48,7 +48,8 @@ class PubSubConfig(Model, frozen=True):
     """`sign_and_encrypt`, or `sign` where all may read. `none` sends and accepts unsigned messages. There is no
     default."""
     url: Annotated[str, Field(pattern=r"^opc\.udp://[^/]+:\d{1,5}$")] = "opc.udp://224.0.2.14:4840"
-    """Multicast group (or a unicast address) and port (OPC 10000-14 7.3.2)."""
+    """Multicast group (or a unicast address) and port (OPC 10000-14 7.3.2); an IPv6 address stands in brackets, as in
+    `opc.udp://[ff15::ea7]:4840`."""
     interface: str = "lo"
     """Name or address of the network interface, or a subnet in which its address is (`192.168.1.0/24`), for machines
     that get their address from others; `lo` keeps all traffic on this machine."""
@@ -81,7 +82,7 @@ class PubSubConfig(Model, frozen=True):
     def _interface_is_no_broken_subnet(cls, value: str) -> str:
         if "/" in value:
             try:
-                IPv4Network(value)
+                ip_network(value)
             except ValueError as error:
                 raise ValueError(f"{value!r} is no subnet such as 192.168.1.0/24: {error}") from None
         return value

@@ -31,6 +31,7 @@ from ua_fleet.errors import FieldMissing, LocalWireError
 from ua_fleet.pubsub.events import (
     ActionReceived,
     DataReceived,
+    EventReceived,
     MetaDataReceived,
     ProbeDue,
     ProbeReceived,
@@ -311,6 +312,8 @@ class BridgeCore:
             wants.hear(event)
         elif isinstance(event, DataReceived):
             self._data(event)
+        elif isinstance(event, EventReceived):
+            self._into_space(event.topic, event.metadata, event.message)
         elif isinstance(event, SourceSilent | SourceStale | SourceReturned):
             if self.stale is not None:
                 self.stale(event.topic, not isinstance(event, SourceReturned) or event.topic in self._bad)
@@ -339,8 +342,6 @@ class BridgeCore:
 
     def _data(self, event: DataReceived) -> None:
         topic, message, metadata = event
-        if topic in self._node_only:
-            return
         if self.teleoperation is not None and topic in self.teleoperation.topics:
             self.counters.drop(Drop.NOT_A_SETPOINT)
             return
@@ -354,6 +355,11 @@ class BridgeCore:
                 self.stale(topic, True)
             return
         self._bad.discard(topic)
+        self._into_space(topic, metadata, message)
+
+    def _into_space(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> None:
+        if topic in self._node_only:
+            return
         try:
             if not self._publish(topic, metadata, message):
                 return  # the driver has counted why

@@ -39,10 +39,10 @@ from ua_fleet.bridge.teleoperation import BridgeTeleoperation
 from ua_fleet.bridge.told import ToldReasons
 from ua_fleet.bridge.wanted import Wants
 from ua_fleet.config.applications import bridge_application
-from ua_fleet.config.nodes import mapped_sources, max_ages_of
+from ua_fleet.config.nodes import mapped_sources, max_ages_of, writer_settings
 from ua_fleet.config.registration import announced_robots
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
+from ua_fleet.config.security import envelope_of, keys_needed, publisher_ids, weaknesses
 from ua_fleet.config.teleoperation import setpoint_groups, teleoperations
 from ua_fleet.counters import Counters
 from ua_fleet.errors import DriverFailed, UaFleetError
@@ -113,6 +113,7 @@ class _Shell:
             envelope=self.envelope,
             max_ages=max_ages,
             mapped=mapped_sources(config),
+            publisher_ids=publisher_ids(config),
             setpoint_groups=setpoint_groups(config),
         )
         publisher = Publisher(
@@ -122,6 +123,7 @@ class _Shell:
             codec,
             bridge_application(config, bridge_name),
             max_packed_bytes=self.envelope.max_plain_bytes,
+            settings=writer_settings(config),
         )
         lag = LagMeter()
         self._sender = PacedSender(

@@ -17,6 +17,7 @@ from ua_fleet.counters import Drop
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.pubsub.events import (
     DataReceived,
+    EventReceived,
     MetaDataReceived,
     SourceReturned,
     SourceSilent,
@@ -153,7 +154,7 @@ class MessagePrinter:
         for event in events:
             if isinstance(event, SourceUnknown):
                 if event.datagram is not None and self._transport is not None:
-                    self._transport.send(event.datagram)
+                    self._opener.send(self._transport, event.datagram)
                 continue
             shown = _described(event)
             if shown is not None:
@@ -220,11 +221,11 @@ def refused_as_json(opened: OpenedDatagram, size: int) -> dict[str, Any]:
 
 def _described(event: SubscriberEvent) -> dict[str, Any] | None:
     """One line of output as data; None for what listeners do not care about."""
-    if isinstance(event, DataReceived):
+    if isinstance(event, DataReceived | EventReceived):
         frame, metadata = event.message, event.metadata
         values = zip(metadata.fields, frame.values, strict=True)
         return {
-            "event": "data",
+            "event": "data" if isinstance(event, DataReceived) else "event",
             "topic": event.topic.name,
             "name": metadata.name,
             "time": None if frame.timestamp is None else datetime_from_ticks(frame.timestamp).isoformat(),

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 from ua_fleet.cli.key_source import service_keys_of
 from ua_fleet.cli.output import message
 from ua_fleet.config.schema import FleetConfig, PubSubSecurity
-from ua_fleet.config.security import all_groups, security_mode_of
+from ua_fleet.config.security import all_groups, publisher_ids, security_mode_of
 from ua_fleet.config.teleoperation import setpoint_groups
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import ConfigError, KeySourceUnavailable, KeysRefused, RemoteWireError
@@ -22,6 +22,7 @@ from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.security.nonces import MemoryNonces
 from ua_fleet.pubsub.security.refused import DatagramRefused
+from ua_fleet.transport.base import Transport
 from ua_fleet.wire.security import MessageKey, SecuredDatagram, SecurityMode, SecurityPolicy, read_security
 
 __all__ = [
@@ -102,6 +103,11 @@ class Opener:
             return self._dropped(heard, Drop.SECURED, None, "a setpoint of a group whose keys we do not have")
         return OpenedDatagram(plain, heard, True if is_secured else None)
 
+    def send(self, transport: Transport, probe: bytes) -> None:
+        """Send a probe, which nothing secures."""
+        for datagram in self._envelope.seal(probe, 0.0):
+            transport.send(datagram)
+
     def _dropped(self, heard: SecuredDatagram, drop: Drop, verified: bool | None, reason: str) -> OpenedDatagram:
         self.counters.drop(drop)
         return OpenedDatagram(None, heard, verified, drop, reason)
@@ -134,6 +140,7 @@ def tool_envelope(fleet: FleetConfig | None, counters: Counters) -> Envelope:
         past_keys=pubsub.keys.past_keys,
         asks_for_all=pubsub.keys.source == "files",
         setpoint_groups=setpoint_groups(fleet),
+        publisher_ids=publisher_ids(fleet),
     )
     if pubsub.security is not PubSubSecurity.NONE:
         for group_id in all_groups(fleet):

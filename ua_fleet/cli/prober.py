@@ -136,7 +136,7 @@ class Prober:
 
     def _send(self, probe: Probe) -> None:
         if self._transport is not None:
-            self._transport.send(encode_probe(probe))
+            self._opener.send(self._transport, encode_probe(probe))
 
     def _receive(self, datagram: bytes, _sender: Address) -> None:
         now = asyncio.get_running_loop().time()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.config.security import security_mode_of
+from ua_fleet.config.security import publisher_ids, security_mode_of
 from ua_fleet.pubsub.application import Application, bridge_application_uri, describe, server_application_uri
 from ua_fleet.pubsub.security.groups import command_group, telemetry_group
 from ua_fleet.topics import SERVER_SPACE
@@ -36,10 +36,12 @@ def _application(
 ) -> Application:
     pubsub, mode = config.pubsub, security_mode_of(config)
     is_secured = mode is not SecurityMode.NONE
+    ids = publisher_ids(config)
     return Application(
         description,
         capabilities=capabilities,
         endpoints=endpoints,
+        publisher_id=None if ids is None else ids.variant(space),
         url=pubsub.url,
         network_interface=pubsub.interface,
         security_mode=mode.value,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from typing import Final
 
@@ -16,16 +16,26 @@ from ua_fleet.config.schema import (
     ScalarType,
     value_name,
 )
+from ua_fleet.config.source_schema import PublishedSourceConfig
 from ua_fleet.config.teleoperation_checks import check_teleoperation
 from ua_fleet.config.teleoperation_schema import TELEOPERATION_IDS
 from ua_fleet.document import KeyPath, key_text
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.fleet.model import FLEET_NAMESPACE
 from ua_fleet.names import closest, listed
-from ua_fleet.topics import check_space
+from ua_fleet.topics import SERVER_SPACE, check_space
+from ua_fleet.wire.messages import PublisherIdType
 from ua_fleet.wire.metadata import MOST_DESCRIBED
 
-__all__ = ["Parts", "check_all", "check_ids_given", "check_namespaces", "check_robots", "no_namespace"]
+__all__ = [
+    "Parts",
+    "check_all",
+    "check_ids_given",
+    "check_namespaces",
+    "check_publisher_ids",
+    "check_robots",
+    "no_namespace",
+]
 
 MOST_FIELDS: Final = MOST_DESCRIBED - 10
 """Of a data source: with its properties (type, definition and age of its messages) it has no more parts than are
@@ -57,6 +67,25 @@ def _check_spaces(parts: Parts) -> None:
             )
 
 
+def check_publisher_ids(parts: Parts, sources: Mapping[str, PublishedSourceConfig]) -> None:
+    """A PublisherId on the wire is that of one publisher: of a bridge, of the server (0), or of one in `sources`."""
+    uint16 = int(PublisherIdType.UINT16)
+    taken: dict[tuple[int, int | str], str] = {(uint16, SERVER_SPACE): "the server"}
+    for name, bridge in parts.bridges.items():
+        taken[uint16, bridge.space] = f"bridge `{name}`, whose space it is"
+    for name, source in sources.items():
+        taken.setdefault((source.type_code, source.publisher_id), f"`sources.{name}`")
+    for name, bridge in parts.bridges.items():
+        wire_id = bridge.wire_id
+        if wire_id is None or wire_id == (uint16, bridge.space):
+            continue
+        other = taken.setdefault(wire_id, f"bridge `{name}`")
+        if other != f"bridge `{name}`":
+            parts.document.problem(
+                ("bridges", name, "publisher_id"), f"it is the PublisherId of {other}", "give this bridge another one"
+            )
+
+
 def _id_paths(parts: Parts) -> list[KeyPath]:
     paths: list[KeyPath] = [("bridges", name, "status_id") for name in parts.mapping_at(("bridges",))]
     for robot in parts.mapping_at(("robots",)):
@@ -75,8 +104,9 @@ def _check_ids(parts: Parts) -> None:
     And one in its space, whatever its namespace: a DataSetWriterId is unique for a PublisherId (OPC 10000-14 6.2.4.1).
     """
     used: dict[tuple[str, int | str, int], KeyPath] = {}
-    faults: list[KeyPath] = [("robots", robot, "fault_id") for robot in parts.mapping_at(("robots",))]
-    for path in (*_id_paths(parts), *faults):
+    optional: list[KeyPath] = [("robots", robot, "fault_id") for robot in parts.mapping_at(("robots",))]
+    optional.append(("scenarios", "events_id"))
+    for path in (*_id_paths(parts), *optional):
         number = parts.mapping_at(path[:-1]).get(str(path[-1]))
         if isinstance(number, bool) or not isinstance(number, int):
             continue
@@ -91,7 +121,7 @@ def _check_ids(parts: Parts) -> None:
                 path,
                 f"{number} is in use already ({where})",
                 "choose another number"
-                if path in faults
+                if path in optional
                 else f"remove it here and run: ua-fleet config assign-ids {parts.file}",
             )
 
@@ -100,6 +130,8 @@ def _home(parts: Parts, path: KeyPath) -> tuple[int, str]:
     """The namespace of an id, and the space that it is published in, by its bridge's name."""
     if path[0] == "bridges":
         return FLEET_NAMESPACE, str(path[1])
+    if path[0] == "scenarios":
+        return FLEET_NAMESPACE, ""
     robot = parts.mapping_at(("robots", str(path[1])))
     ns = robot.get("namespace", FLEET_NAMESPACE)
     is_servers = path[2] == "data" and parts.mapping_at(path[:-1]).get("origin") == "server"

@@ -14,7 +14,7 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from ua_fleet.config.base import Name
-from ua_fleet.config.checks import Parts, check_all, check_ids_given, check_namespaces
+from ua_fleet.config.checks import Parts, check_all, check_ids_given, check_namespaces, check_publisher_ids
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.layers import apply_environment, apply_options
 from ua_fleet.config.modbus_checks import modbus_problems
@@ -208,6 +208,7 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
     if shell is not None:
         check_namespaces(parts, shell.fleet.namespace_indices)
         check_setpoint_groups(parts, shell.fleet.namespace_indices)
+        check_publisher_ids(parts, shell.sources)
     if shell is not None and shell.modbus is not None:
         for where, text, suggestion in modbus_problems(shell.modbus, robots, data):
             document.problem(where, text, suggestion)

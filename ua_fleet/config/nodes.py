@@ -28,14 +28,15 @@ from ua_fleet.fleet.model import (
     drop_field,
 )
 from ua_fleet.fleet.skills import SkillModel
+from ua_fleet.pubsub.layout import PLAIN, WriterSettings
 from ua_fleet.pubsub.mapped import MappedSource, MappedSources, publisher_key
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import ARRAY, BuiltinType, NodeId
-from ua_fleet.wire.messages import ConfigurationVersion, DataSetMetaData
+from ua_fleet.wire.messages import ConfigurationVersion, DataSetMetaData, FieldEncoding
 
-__all__ = ["fleet_model", "mapped_sources", "max_ages_of", "robot_model"]
+__all__ = ["events_topic", "fleet_model", "mapped_sources", "max_ages_of", "robot_model", "writer_settings"]
 
 
 def fleet_model(config: FleetConfig) -> FleetModel:
@@ -60,6 +61,27 @@ def max_ages_of(config: FleetConfig) -> dict[Topic, float]:
         for data in robot.data.values()
         if data.id is not None and data.max_age_s is not None
     }
+
+
+def writer_settings(config: FleetConfig) -> dict[Topic, WriterSettings]:
+    """How the DataSetWriters of data send that do not send key frames of Variants, by source."""
+    found: dict[Topic, WriterSettings] = {}
+    for name, robot in config.robots.items():
+        for data in robot.data.values():
+            encoding = FieldEncoding.RAW_DATA if data.encoding == "raw_data" else FieldEncoding.VARIANT
+            settings = WriterSettings(encoding, data.key_frame_count)
+            if data.id is not None and settings != PLAIN:
+                space = SERVER_SPACE if data.origin == "server" else config.space_of(name)
+                found[Topic(space, robot.namespace, data.id)] = settings
+    if (events := events_topic(config)) is not None:
+        found[events] = WriterSettings(are_events=True)
+    return found
+
+
+def events_topic(config: FleetConfig) -> Topic | None:
+    """The DataSet of the events of runs; None where they are not published."""
+    events_id = config.scenarios.events_id
+    return None if events_id is None else Topic(SERVER_SPACE, config.fleet.namespace_index, events_id)
 
 
 def mapped_sources(config: FleetConfig) -> MappedSources:

@@ -18,7 +18,7 @@ from ua_fleet.config.pubsub_schema import KeysConfig, PubSubConfig, PubSubSecuri
 from ua_fleet.config.resilience_schema import ResilienceConfig
 from ua_fleet.config.shapes import VENDOR_SPACE, all_of, exactly_one, given, implies, limited_to, none_of
 from ua_fleet.config.skill_schema import SkillConfig
-from ua_fleet.config.source_schema import PublishedSourceConfig
+from ua_fleet.config.source_schema import PublishedSourceConfig, PublisherIdTypeName, wire_publisher_id
 from ua_fleet.config.teleoperation_schema import TeleoperationConfig
 from ua_fleet.document import KeyPath
 from ua_fleet.errors import TopicInvalid
@@ -148,6 +148,12 @@ class DataSetConfig(
     """For how long a value counts as one of now after it was read: sent by the robot, or read from it again, changed or
     not. Then it is Uncertain_NoCommunicationLastUsableValue until it is read again. Left out: a topic of ROS that comes
     with a period and is not latched has ten periods, at least 3 s; all else has no maximum age."""
+    encoding: Literal["variant", "raw_data"] = "variant"
+    """How fields travel in PubSub messages. `raw_data`: without their types, which the metadata tells. A message in
+    which a field has no value goes as Variants all the same."""
+    key_frame_count: int = Field(default=1, ge=1, le=0xFFFF)
+    """KeyFrameCount: of so many PubSub messages at least one has all fields (a key frame), and so has one each
+    `pubsub.repeat_interval_s`; the others have only what has changed (delta frames)."""
     gives: tuple[Name, ...] = ()
     """Capacities that the robot has only while this data source is there, e.g. `temperature` of a thermometer that may
     be pulled out. The robot that this one is `mounted_on` has them too."""
@@ -243,6 +249,10 @@ class BridgeConfig(Model, frozen=True):
     """Needed in the end: numeric id of the bridge's own status DataSet. `ua-fleet config assign-ids` fills it in."""
     description: str = ""
     """Text for people, the description of the node."""
+    publisher_id: int | Annotated[str, Field(min_length=1, max_length=1024)] | None = None
+    """PublisherId of its PubSub messages, for receivers that know it by another one. Left out: its space."""
+    publisher_id_type: PublisherIdTypeName | None = None
+    """Type of `publisher_id`. Left out: UInt16 for a number, String for a text."""
     state_dir: str | None = None
     """Folder for the bridge's certificate, key use and journal; `state/bridges/<name>` if left out. Relative to
     `fleet.yaml`."""
@@ -259,6 +269,19 @@ class BridgeConfig(Model, frozen=True):
     """Model of `sink` in the data of such a robot; None where bridges of this kind write nothing by configuration."""
     takes_setpoints: ClassVar[bool] = False
     """Whether such robots can be driven by hand: the driver has `write_setpoint`."""
+
+    @model_validator(mode="after")
+    def _check_publisher_id(self) -> BridgeConfig:
+        if self.publisher_id is None and self.publisher_id_type is not None:
+            raise ValueError("publisher_id_type: give `publisher_id` too")
+        if self.publisher_id is not None:
+            wire_publisher_id(self.publisher_id, self.publisher_id_type)
+        return self
+
+    @property
+    def wire_id(self) -> tuple[int, int | str] | None:
+        """Type and value of `publisher_id`, as messages have them."""
+        return None if self.publisher_id is None else wire_publisher_id(self.publisher_id, self.publisher_id_type)
 
     @field_validator("space")
     @classmethod
@@ -398,6 +421,9 @@ class ScenariosConfig(Model, frozen=True):
 
     folder: str = "scenarios"
     """Folder of the scenarios' files, `<name>.yaml` or `.json`; relative to `fleet.yaml`."""
+    events_id: DataSetId | None = None
+    """Numeric id of the DataSet in which the server publishes the events of runs, steps and decisions, one PubSub
+    message each: `ua_0_2_<id>`. Left out: they are told to OPC UA clients alone."""
     most_runs: int = Field(default=16, ge=1)
     """Runs that may be under way at once."""
     kept_runs: int = Field(default=100, ge=0)

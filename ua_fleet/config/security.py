@@ -11,6 +11,7 @@ from ua_fleet.counters import Counters
 from ua_fleet.errors import ConfigError
 from ua_fleet.keys.files import FileKeySource
 from ua_fleet.keys.source import KeySource
+from ua_fleet.pubsub.publisher_ids import PublisherIds
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.groups import command_group, telemetry_group
 from ua_fleet.pubsub.security.nonces import MemoryNonces
@@ -24,6 +25,7 @@ __all__ = [
     "file_keys_of",
     "groups_of",
     "keys_needed",
+    "publisher_ids",
     "security_mode_of",
     "weaknesses",
 ]
@@ -33,6 +35,12 @@ _MODES: Final = {
     PubSubSecurity.SIGN: SecurityMode.SIGN,
     PubSubSecurity.SIGN_AND_ENCRYPT: SecurityMode.SIGN_AND_ENCRYPT,
 }
+
+
+def publisher_ids(config: FleetConfig) -> PublisherIds | None:
+    """The PublisherIds of those bridges that have one of their own; None where there is none."""
+    ids = {bridge.space: bridge.wire_id for bridge in config.bridges.values() if bridge.wire_id is not None}
+    return PublisherIds(ids) if ids else None
 
 
 def security_mode_of(config: FleetConfig) -> SecurityMode:
@@ -84,6 +92,7 @@ def envelope_of(config: FleetConfig, space: int, counters: Counters, state_dir: 
         past_keys=pubsub.keys.past_keys,
         asks_for_all=pubsub.keys.source == "files",
         setpoint_groups=setpoint_groups(config),
+        publisher_ids=publisher_ids(config),
     )
     for group_id in groups_of(config, space) if is_secured else ():
         envelope.want(group_id)

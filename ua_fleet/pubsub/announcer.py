@@ -7,7 +7,7 @@ least half a second apart: many who ask at once get one answer, and what changes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import islice
 from typing import Final, NamedTuple
 
@@ -15,8 +15,10 @@ from ua_fleet.errors import LocalWireError
 from ua_fleet.pubsub.application import UDP_UADP, Application
 from ua_fleet.pubsub.configuring import WriterGroups, connection, writer_group
 from ua_fleet.pubsub.due import DueTimes
+from ua_fleet.pubsub.layout import PLAIN, WriterSettings
 from ua_fleet.pubsub.pacing import Pace
 from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.topics import Topic
 from ua_fleet.values import TICKS_PER_SECOND, StatusCode
 from ua_fleet.wire import encode_announcement
 from ua_fleet.wire.discovered import (
@@ -78,7 +80,13 @@ class Announcer:
     """The announcements of one Publisher, with their times. Every method that sends returns datagrams, in order."""
 
     def __init__(
-        self, publisher_id: int, timing: PubSubTiming, application: Application, number: Callable[[], int], pace: Pace
+        self,
+        publisher_id: int,
+        timing: PubSubTiming,
+        application: Application,
+        number: Callable[[], int],
+        pace: Pace,
+        settings: Mapping[Topic, WriterSettings],
     ) -> None:
         """Make an announcer.
 
@@ -88,9 +96,10 @@ class Announcer:
             application: what the process says of itself.
             number: gives the next SequenceNumber, of which there is one row for all announcements of a Publisher.
             pace: what may be sent at once.
+            settings: how DataSetWriters send that do not send key frames of Variants.
         """
         self._id, self._timing, self.application = publisher_id, timing, application
-        self._number, self._pace = number, pace
+        self._number, self._pace, self._settings = number, pace, settings
         self._groups = WriterGroups()
         self._actions: dict[int, tuple[int, ActionMetaDataAnnouncement]] = {}
         """With the WriterGroupId. A retired one stays, without targets, so that who missed it still learns it."""
@@ -281,15 +290,24 @@ class Announcer:
     def _group_announcement(self, ns: int, ids: tuple[int, ...]) -> AnyAnnouncement:
         names = self._groups.names(ns)
         writers = [(writer_id, names[writer_id]) for writer_id in ids if writer_id in names]
-        group = writer_group(self.application, self._timing, ns, writers)
+        group = self._data_group(ns, writers)
         statuses = tuple([0 if writer_id in names else _NOT_FOUND for writer_id in ids])
         return WriterConfigurationAnnouncement(self._id, _UINT16, 0, ids, group, statuses)
 
     def _data_groups(self, with_writers: bool) -> list[WriterGroup]:
         return [
-            writer_group(self.application, self._timing, ns, self._groups.names(ns).items() if with_writers else ())
+            self._data_group(ns, self._groups.names(ns).items() if with_writers else ())
             for ns in self._groups.numbers()
         ]
+
+    def _data_group(self, ns: int, writers: Iterable[tuple[int, str]]) -> WriterGroup:
+        return writer_group(
+            self.application,
+            self._timing,
+            ns,
+            writers,
+            settings=lambda writer_id: self._settings.get(Topic(self._id, ns, writer_id), PLAIN),
+        )
 
     def _action_groups(self, with_writers: bool) -> list[WriterGroup]:
         writers: dict[int, list[tuple[int, str]]] = {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from ua_fleet.values import LocalizedText
+from ua_fleet.values import LocalizedText, Variant
 from ua_fleet.wire.discovered import NO_SECURITY, ApplicationDescription, ApplicationType, EndpointDescription
 
 __all__ = [
@@ -34,6 +34,8 @@ class Application:
     """Capability identifiers of OPC 10000-12 annex D."""
     endpoints: tuple[EndpointDescription, ...] = ()
     """Of its OPC UA Server; a process without a server has none."""
+    publisher_id: Variant | None = None
+    """Of its messages on the wire, where that is not the UInt16 of its space."""
     url: str = ""
     """Where the messages of its PubSubConnection go."""
     network_interface: str | None = None

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 from ua_fleet.pubsub.application import UDP_UADP, Application
+from ua_fleet.pubsub.layout import PLAIN, WriterSettings
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.values import BuiltinType, Variant
 from ua_fleet.wire.discovered import (
@@ -18,6 +19,7 @@ from ua_fleet.wire.discovered import (
     UadpWriterGroupMessage,
     WriterGroup,
 )
+from ua_fleet.wire.messages import FieldEncoding
 
 __all__ = ["WriterGroups", "connection", "writer_group"]
 
@@ -25,6 +27,9 @@ NETWORK_MESSAGE_CONTENT: Final = 0x47
 """UadpNetworkMessageContentMask: PublisherId, GroupHeader, WriterGroupId, PayloadHeader (6.3.1.1.4)."""
 DATA_SET_MESSAGE_CONTENT: Final = 0x3D
 """UadpDataSetMessageContentMask: Timestamp, Status, major and minor version, SequenceNumber (6.3.1.3.2)."""
+
+RAW_DATA: Final = 0x20
+"""Bit of the DataSetFieldContentMask (6.2.4.2)."""
 
 
 class WriterGroups:
@@ -78,8 +83,12 @@ def writer_group(
     writers: Iterable[tuple[int, str]],
     *,
     are_actions: bool = False,
+    settings: Callable[[int], WriterSettings] = lambda _: PLAIN,
 ) -> WriterGroup:
-    """A WriterGroup with these of its DataSetWriters: (DataSetWriterId, name). Messages go when there is news."""
+    """A WriterGroup with these of its DataSetWriters: (DataSetWriterId, name). Messages go when there is news.
+
+    `settings` says how a DataSetWriter sends.
+    """
     security_group = application.command_group if are_actions else application.data_group
     return WriterGroup(
         f"actions {ns}" if are_actions else f"group {ns}",
@@ -92,16 +101,22 @@ def writer_group(
         message_settings=UadpWriterGroupMessage(network_message_content_mask=NETWORK_MESSAGE_CONTENT),
         data_set_writers=tuple(
             [
-                DataSetWriter(
-                    name,
-                    True,
-                    writer_id,
-                    data_set_name=name,
-                    message_settings=UadpDataSetWriterMessage(0 if are_actions else DATA_SET_MESSAGE_CONTENT),
-                )
+                _writer(writer_id, name, settings(writer_id), 0 if are_actions else DATA_SET_MESSAGE_CONTENT)
                 for writer_id, name in writers
             ]
         ),
+    )
+
+
+def _writer(writer_id: int, name: str, settings: WriterSettings, content: int) -> DataSetWriter:
+    return DataSetWriter(
+        name,
+        True,
+        writer_id,
+        data_set_field_content_mask=RAW_DATA if settings.encoding is FieldEncoding.RAW_DATA else 0,
+        key_frame_count=0 if settings.are_events else settings.key_frame_count,
+        data_set_name=name,
+        message_settings=UadpDataSetWriterMessage(content),
     )
 
 
@@ -113,7 +128,7 @@ def connection(
     return PubSubConnection(
         application.description.application_name.text,
         True,
-        Variant(int(BuiltinType.UINT16), publisher_id),
+        application.publisher_id or Variant(int(BuiltinType.UINT16), publisher_id),
         UDP_UADP,
         address,
         transport_settings=DatagramConnectionTransport(address, round(timing.announce_interval_s)),

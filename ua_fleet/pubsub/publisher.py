@@ -13,6 +13,7 @@ the two apart. A keep-alive attests the source, not this process.
 from __future__ import annotations
 
 import heapq
+from collections.abc import Mapping
 from itertools import count
 from typing import Any, Final
 
@@ -20,6 +21,7 @@ from ua_fleet.counters import Counters
 from ua_fleet.errors import LocalWireError
 from ua_fleet.pubsub.announcer import ANSWER_INTERVAL_S, Announcer
 from ua_fleet.pubsub.application import MAX_DATAGRAM_BYTES, PRODUCT_URI, Application, describe
+from ua_fleet.pubsub.layout import PLAIN, WriterSettings
 from ua_fleet.pubsub.metadata import fields_version, with_max_age
 from ua_fleet.pubsub.pacing import Pace
 from ua_fleet.pubsub.packing import HEADER_BYTES, MAX_PACKED_BYTES, pack
@@ -70,6 +72,7 @@ class Publisher:
         application: Application | None = None,
         *,
         max_packed_bytes: int = MAX_PACKED_BYTES,
+        settings: Mapping[Topic, WriterSettings] | None = None,
     ) -> None:
         """Make a publisher without writers.
 
@@ -81,6 +84,7 @@ class Publisher:
             application: what the process says of itself when it is asked; the size of its messages stands there too.
             max_packed_bytes: several DataSetMessages share a NetworkMessage up to this size; it must fit into a
                 datagram, since only a NetworkMessage of one DataSetMessage can be sent as chunks.
+            settings: how writers send that do not send key frames of Variants.
         """
         self._id = publisher_id
         self._timing = timing
@@ -100,7 +104,10 @@ class Publisher:
         self._pace = Pace()
         if application is None:
             application = Application(describe(f"{PRODUCT_URI}:{publisher_id}", f"publisher {publisher_id}"))
-        self._announcer = Announcer(publisher_id, timing, application, self._next_announcement_number, self._pace)
+        self._settings = settings or {}
+        self._announcer = Announcer(
+            publisher_id, timing, application, self._next_announcement_number, self._pace, self._settings
+        )
 
     def describe(self, application: Application) -> None:
         """Say this of the process from now on."""
@@ -128,7 +135,7 @@ class Publisher:
         if topic.space != self._id:
             raise LocalWireError(f"{topic.name} does not originate in space {self._id}")
         known = self._writers.get(topic)
-        writer = known or Writer(topic)
+        writer = known or Writer(topic, self._settings.get(topic, PLAIN))
         metadata = self._versioned(writer, name, fields, wall_ticks)
         announcement = self._announcement(writer.topic.id, metadata)
         if known is None:
@@ -152,7 +159,7 @@ class Publisher:
         now: float,
         types: tuple[int, ...] | None = None,
     ) -> list[bytes]:
-        """Send a key frame at once.
+        """Send a message at once: a key frame, unless the writer is set otherwise.
 
         Args:
             topic: an announced source.
@@ -168,28 +175,36 @@ class Publisher:
         writer = self._writers.get(topic)
         if writer is None or (encode := writer.encode) is None:
             raise LocalWireError(f"{topic.name} is published before it is announced")
+        maker = writer.maker
         if types is None:
             types = writer.types
         elif types != writer.types:
             if len(types) != len(writer.types):
                 raise LocalWireError(f"{topic.name}: {len(types)} types for {len(writer.types)} fields")
-            encode = writer.encoder(types, self._codec)
+            if maker is None:
+                encode = writer.encoder(types, self._codec)
         if timestamp <= writer.timestamp:
             timestamp = writer.timestamp + 1
         number = writer.next_number
-        datagram = encode(number, timestamp, status, values)
+        frame = None if maker is None else maker.make(number, timestamp, status, types, values)
+        datagram = encode(number, timestamp, status, values) if frame is None else frame.datagram
         size = len(datagram)
         if size > (most := self._announcer.application.max_message_bytes):
             raise LocalWireError(f"{topic.name}: {size} bytes, and the largest message may have {most}")
         writer.next_number = (number + 1) & MASK
         writer.timestamp = timestamp
-        is_first = writer.values is None
-        writer.values = values
-        writer.sent_types = types
-        writer.status = status
-        writer.size = size - HEADER_BYTES
         writer.sent_at = now
-        writer.repeat_at = now + self._repeat_after_s(writer)
+        is_first = False
+        if maker is not None and frame is not None:
+            maker.taken(frame)
+        if not writer.settings.are_events:
+            is_first = writer.values is None
+            writer.values = values
+            writer.sent_types = types
+            writer.status = status
+            writer.size = size - HEADER_BYTES if frame is None else frame.size
+            if frame is None or frame.is_key:  # a delta frame says nothing to one who comes late
+                writer.repeat_at = now + self._repeat_after_s(writer)
         if is_first or not writer.alive:
             self._revive(writer, now)
         self._counters.messages_out += 1
@@ -209,6 +224,9 @@ class Publisher:
         """Say once that the source is gone, with its last values; then be silent until `announce` or `publish`."""
         writer = self._writers.get(topic)
         if writer is None or not writer.alive:
+            return []
+        if writer.settings.are_events:  # there is no last value that could be of now
+            writer.alive = False
             return []
         status = int(StatusCode.BAD_NO_COMMUNICATION)
         values, types = writer.values, writer.sent_types

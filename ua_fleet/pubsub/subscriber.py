@@ -21,6 +21,7 @@ from ua_fleet.pubsub.events import (
     ActionReceived,
     AnnouncementReceived,
     DataReceived,
+    EventReceived,
     MetaDataReceived,
     ProbeDue,
     ProbeReceived,
@@ -36,6 +37,7 @@ from ua_fleet.pubsub.liveness import Liveness
 from ua_fleet.pubsub.mapped import MappedSources, PublisherKey, publisher_key
 from ua_fleet.pubsub.metadata import max_age_s, type_codes, with_max_age
 from ua_fleet.pubsub.probing import ProbeSchedule
+from ua_fleet.pubsub.publisher_ids import PublisherIds
 from ua_fleet.pubsub.remote_writer import RemoteWriter, SequenceStep
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.refused import DatagramRefused
@@ -67,13 +69,12 @@ LoopRule = Callable[[Side, int, int, bool], LoopVerdict]
 
 _MOST_REFUSED: Final = 1024
 """Refused sources that we have told of. Anybody can write any PublisherId and DataSetWriterId."""
-_OWN_HEAD_BYTES: Final = 5
-"""Flags, PublisherId and GroupFlags of a data message of ours, with or without security."""
-_COUNT_AT: Final = 7
-"""Where the number of its DataSetMessages stands."""
+_COUNT_AFTER: Final = 2
+"""Where the number of DataSetMessages of a data message of ours stands, behind its GroupFlags."""
 _UINT16: Final = PublisherIdType.UINT16.value
 _KEY: Final = FrameKind.KEY.value
 _DELTA: Final = FrameKind.DELTA.value
+_EVENT: Final = FrameKind.EVENT.value
 _KEEP_ALIVE: Final = FrameKind.KEEP_ALIVE.value
 _VARIANT: Final = FieldEncoding.VARIANT.value
 _RAW: Final = FieldEncoding.RAW_DATA.value
@@ -95,6 +96,7 @@ class Subscriber:
         max_ages: Mapping[Topic, float] | None = None,
         mapped: MappedSources | None = None,
         setpoint_groups: Mapping[int, int] | None = None,
+        publisher_ids: PublisherIds | None = None,
         random: Random | None = None,
     ) -> None:
         """Make a subscriber that knows no writers.
@@ -111,6 +113,7 @@ class Subscriber:
             max_ages: maximum ages in seconds of the values of writers that announce none themselves.
             mapped: DataSetWriters of publishers that are no bridges.
             setpoint_groups: spaces by the WriterGroups of the server's setpoints for them.
+            publisher_ids: of spaces that have another PublisherId on the wire; the envelope has them too.
             random: where the random delay of probes comes from.
         """
         self.caught: Callable[[str, Exception], None] | None = None
@@ -132,7 +135,8 @@ class Subscriber:
         """Sources told of as refused, the longest known first."""
         self._verdicts: dict[int, bool] = {}
         own = own_space.to_bytes(2, "little") if own_space >= 0 else b""
-        self._own_heads = frozenset((b"\xf1\x01" + own + b"\x01", b"\xf1\x11" + own + b"\x01") if own else ())
+        heads = (b"\xf1\x01" + own + b"\x01", b"\xf1\x11" + own + b"\x01") if own else ()
+        self._own_heads = tuple([head if publisher_ids is None else publisher_ids.outward(head) for head in heads])
         """How the data that we send ourselves begins: it comes back by multicast, and is dropped unread. A tool has no
         space, and sends none."""
         self._max_writers = max_writers
@@ -155,14 +159,12 @@ class Subscriber:
     def receive(self, datagram: bytes, now: float, sender: tuple[str, int] | None = None) -> list[SubscriberEvent]:
         """Take one datagram, and where it came from: a request may be answered there."""
         self.is_nearer = True
-        if (
-            datagram[:_OWN_HEAD_BYTES] in self._own_heads
-            and len(datagram) > _COUNT_AT
-            and not self._comes_in(self._own_space)
-        ):
-            self._counters.messages_in += datagram[_COUNT_AT]
-            self._counters.drop(self._cause_of_own(datagram, sender, now), datagram[_COUNT_AT])
-            return []
+        if datagram.startswith(self._own_heads) and not self._comes_in(self._own_space):
+            count_at = _COUNT_AFTER + next(len(head) for head in self._own_heads if datagram.startswith(head))
+            if len(datagram) > count_at:
+                self._counters.messages_in += datagram[count_at]
+                self._counters.drop(self._cause_of_own(datagram, sender, now), datagram[count_at])
+                return []
         try:
             if self._envelope is not None:
                 plain = self._envelope.open(datagram, now)
@@ -373,6 +375,9 @@ class Subscriber:
             self._counters.drop(Drop.NO_METADATA)
             return
         writer.received += 1
+        if frame.kind == _EVENT:
+            self._receive_event(writer, frame, is_new or number is not None, now, events)
+            return
         if not is_new:
             self._counters.drop(Drop.REPEATED)
             if writer.repeats(frame):
@@ -401,6 +406,31 @@ class Subscriber:
         assert writer.metadata is not None
         events.append(DataReceived(writer.topic, frame, writer.metadata))
 
+    def _receive_event(
+        self, writer: RemoteWriter, event: DataSetMessage, is_new: bool, now: float, events: list[SubscriberEvent]
+    ) -> None:
+        """Hand on an event. Several may have one Timestamp: that the number is new has been seen.
+
+        A DataSetWriter sends events or values (6.2.4.3): what has said a value is not attested by an event.
+        """
+        if writer.has_said:
+            self._counters.drop(Drop.UNSUPPORTED)
+            writer.doubted = True
+            return
+        if not is_new:
+            self._counters.drop(Drop.REPEATED)
+            return
+        metadata = writer.metadata
+        assert metadata is not None
+        if event.types != writer.types and not types_fit(event.types, metadata.fields):
+            self._counters.drop(Drop.LAYOUT)
+            self._probes.want(writer.key, now)
+            return
+        if event.timestamp is not None:
+            writer.handed_on = max(writer.handed_on, event.timestamp)
+        self._attest(writer, now, events)
+        events.append(EventReceived(writer.topic, event, metadata))
+
     def _receive_heartbeat(
         self, writer: RemoteWriter, number: int | None, now: float, events: list[SubscriberEvent]
     ) -> None:
@@ -415,9 +445,6 @@ class Subscriber:
         """The key frame that a frame of any form stands for; None, after counting why, if there is none."""
         metadata = writer.metadata
         assert metadata is not None
-        if frame.kind not in (_KEY, _DELTA):
-            self._counters.drop(Drop.UNSUPPORTED)
-            return None
         if frame.encoding == _RAW:
             try:
                 frame = decode_raw_fields(frame, metadata)
@@ -428,6 +455,7 @@ class Subscriber:
             base = writer.base_of(frame)
             if base is None:
                 self._counters.drop(Drop.NO_KEY_FRAME)
+                self._probes.want(writer.key, now)  # who is asked says its last message again, as a key frame
                 return None
             merged = merge_delta(base, frame)
             if merged is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
+from ua_fleet.pubsub.layout import PLAIN, FrameMaker, WriterSettings
 from ua_fleet.pubsub.metadata import max_age_s, type_codes, with_max_age
 from ua_fleet.pubsub.packing import KEEP_ALIVE_BYTES
 from ua_fleet.pubsub.sequence import MASK
@@ -31,12 +32,14 @@ class Writer:
         "answered_at",
         "encode",
         "entry",
+        "maker",
         "max_age_s",
         "metadata",
         "next_number",
         "repeat_at",
         "sent_at",
         "sent_types",
+        "settings",
         "size",
         "status",
         "timestamp",
@@ -45,13 +48,15 @@ class Writer:
         "values",
     )
 
-    def __init__(self, topic: Topic) -> None:
-        self.topic = topic
+    def __init__(self, topic: Topic, settings: WriterSettings = PLAIN) -> None:
+        self.topic, self.settings = topic, settings
         self.metadata = DataSetMetaData("", (), ConfigurationVersion(0, 0))
         self.types: tuple[int, ...] = ()
         """The type codes that the metadata says."""
         self.encode: Encode | None = None
         """Encodes key frames of this version; None while retired."""
+        self.maker: FrameMaker | None = None
+        """Makes what is sent in place of `encode`, where something else than key frames of Variants is configured."""
         self.next_number = 0
         self.timestamp = -1
         """Timestamp of the last message; -1 before the first."""
@@ -79,6 +84,8 @@ class Writer:
         self.metadata = metadata
         self.types = type_codes(metadata.fields)
         self.encode = self.encoder(self.types, codec)
+        if self.settings != PLAIN:
+            self.maker = FrameMaker(self.topic, metadata, self.settings, codec)
 
     def encoder(self, types: tuple[int, ...], codec: Codec) -> Encode:
         """What encodes this version's key frames with these type codes."""
@@ -107,6 +114,9 @@ class Writer:
         number = self.next_number
         self.next_number = (number + 1) & MASK
         version = self.metadata.configuration_version
+        if self.maker is not None:
+            message = self.maker.repeat(number, self.timestamp, self.status, self.sent_types, self.values)
+            return message, self.size
         return DataSetMessage(
             self.topic.id,
             _KEY,

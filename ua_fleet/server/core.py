@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
+from ua_fleet.counters import Drop
 from ua_fleet.errors import LocalWireError
 from ua_fleet.fleet.changes import CapacitiesChanged, Change, Noticed, RobotRemoved, SourceRemoved, ValueChanged
 from ua_fleet.fleet.coalesce import Coalescer
@@ -27,6 +28,7 @@ from ua_fleet.pubsub.events import (
     ActionReceived,
     AnnouncementReceived,
     DataReceived,
+    EventReceived,
     MetaDataReceived,
     ProbeDue,
     ProbeReceived,
@@ -56,7 +58,7 @@ BURST: Final = 20
 """DataSets that are announced at once at the start, so that receivers' buffers hold them."""
 BURST_PAUSE_S: Final = 0.005
 
-_EXCHANGED: Final = (SourceUnknown, ProbeDue, ProbeReceived, ActionReceived, AnnouncementReceived)
+_EXCHANGED: Final = (SourceUnknown, ProbeDue, ProbeReceived, ActionReceived, AnnouncementReceived, EventReceived)
 """Events that are no news of a source's data."""
 _LIVES: Final = (DataReceived, SourceSilent, SourceStale, SourceReturned, SourceRefused)
 """Events that say how a source is."""
@@ -73,6 +75,7 @@ class ServerCore:
         analog_rate_hz: float,
         tick_s: float = TICK_S,
         each_second: Callable[[float], None] = lambda _now: None,
+        events: tuple[str, Topic, tuple[FieldMetaData, ...]] | None = None,
     ) -> None:
         """Connect the parts; it begins with `begin`.
 
@@ -82,6 +85,7 @@ class ServerCore:
             analog_rate_hz: how often each node's analog value is shown at most.
             tick_s: period in which robots, bridges and the server are looked at; infinite where nobody looks.
             each_second: does before that what the shell has to do in that period.
+            events: name, topic and fields of the events that are published; None where none are.
         """
         self._publisher, self._subscriber = ground.publisher, ground.subscriber
         self._commands, self._state, self._skills = ground.commands, ground.state, ground.skills
@@ -89,7 +93,8 @@ class ServerCore:
         self._nodes, self._runs, self._teleoperation = parts.nodes, parts.runs, parts.teleoperation
         self._registry, self._wanted = parts.registry, parts.wanted
         self._coalescer = Coalescer(analog_rate_hz)
-        self._tick_s, self._each_second = tick_s, each_second
+        self._tick_s, self._each_second, self._events = tick_s, each_second, events
+        self._counters = ground.counters
         self._next_tick = 0.0
         self.refused = 0
         """Publications that could not be encoded."""
@@ -147,7 +152,8 @@ class ServerCore:
                 self._announce(data_set.topic, data_set.name, fields, self._now, self._wall)
             if number % BURST == 0:
                 yield
-        for name, topic, fields in self._wanted.sources():
+        events = () if self._events is None else (self._events,)
+        for name, topic, fields in (*events, *self._wanted.sources()):
             self._announce(topic, name, fields, self._now, self._wall)
         self._wanted.begin()
         for number, publication in enumerate(self._commands.initial(self._wall), start=1):
@@ -246,6 +252,8 @@ class ServerCore:
                 self._send(event.datagram)
         elif isinstance(event, ProbeReceived):
             self._send_all(self._publisher.answer(event.probe, now))
+        elif isinstance(event, EventReceived):
+            self._counters.drop(Drop.UNSUPPORTED)  # a node shows what is, and an event is over
         elif isinstance(event, ActionReceived):
             self._skills.receive(event, now)
             self._teleoperation.receive(event, now)
@@ -341,6 +349,19 @@ class ServerCore:
         self._state.delivered(topic, timestamp)
         self._runs.published(topic, types, values)
         self._send_all(datagrams)
+
+    def publish_event(self, publication: Publication, *, now: float) -> None:
+        """Send an event. Before all is announced nobody could read it; then only clients are told."""
+        topic, types, values, timestamp = publication
+        if self._publisher.metadata(topic) is None:
+            return
+        try:
+            told = self._publisher.publish(topic, values, timestamp=timestamp, now=now, types=types)
+        except LocalWireError as error:
+            self.refused += 1
+            self._log.error("not published", topic=topic.name, reason=str(error))
+            return
+        self._send_all(told)
 
     def flush(self, *, now: float) -> None:
         """Publish what clients have written."""

@@ -9,9 +9,9 @@ from typing import Any, Final
 import structlog
 
 from ua_fleet.config.applications import server_application
-from ua_fleet.config.nodes import mapped_sources, max_ages_of
+from ua_fleet.config.nodes import mapped_sources, max_ages_of, writer_settings
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.config.security import envelope_of
+from ua_fleet.config.security import envelope_of, publisher_ids
 from ua_fleet.counters import Counters
 from ua_fleet.fleet.commands import Commands
 from ua_fleet.fleet.model import FleetModel
@@ -105,6 +105,7 @@ def make_ground(
         max_writers=max(LEAST_WRITERS, 2 * (_sources(model) + most_sources)),
         max_ages=max_ages_of(config),
         mapped=mapped_sources(config),
+        publisher_ids=publisher_ids(config),
     )
     state = FleetState(
         model, counters, unknown_sources=config.server.unknown_sources, max_discovered_sources=most_sources
@@ -112,7 +113,15 @@ def make_ground(
     subscriber.caught = state.caught = mistakes.caught
     application, most_bytes = server_application(config), envelope.max_plain_bytes
     return Ground(
-        publisher=Publisher(SERVER_SPACE, timing, counters, codec, application, max_packed_bytes=most_bytes),
+        publisher=Publisher(
+            SERVER_SPACE,
+            timing,
+            counters,
+            codec,
+            application,
+            max_packed_bytes=most_bytes,
+            settings=writer_settings(config),
+        ),
         subscriber=subscriber,
         counters=counters,
         commands=Commands(model),

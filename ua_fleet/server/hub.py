@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from functools import partial
 
 from ua_fleet.config.applications import server_application
+from ua_fleet.config.nodes import events_topic
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import keys_needed
 from ua_fleet.counters import Drop
@@ -20,6 +21,7 @@ from ua_fleet.fleet.model import RobotModel
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
 from ua_fleet.monitoring.mistakes import Mistakes
+from ua_fleet.nodes.published_events import EVENT_FIELDS, EVENTS_NAME
 from ua_fleet.operation.skills.tracker import SkillChange
 from ua_fleet.pubsub.events import SubscriberEvent
 from ua_fleet.pubsub.recent import RecentMessages
@@ -81,8 +83,13 @@ class Hub:
         self._keys, self.keys_kept = keys_needed(config, keys), KeysKept()
         self._recent = recent
         self._tap = MessageTap(recent, ground.subscriber, ends.sender, ends.counters, wall_ticks)
+        events = events_topic(config)
         self._core = ServerCore(
-            ground, parts, analog_rate_hz=config.server.analog_rate_hz, each_second=self._each_second
+            ground,
+            parts,
+            analog_rate_hz=config.server.analog_rate_hz,
+            each_second=self._each_second,
+            events=None if events is None else (EVENTS_NAME, events, EVENT_FIELDS),
         )
         self._flush_is_due = False
 
@@ -173,6 +180,10 @@ class Hub:
         """Send a DataSet of space 0."""
         self._core.publish(publication, now=self._loop.time())
         self._timer.sooner()
+
+    def publish_event(self, publication: Publication) -> None:
+        """Send an event of the server's own."""
+        self._core.publish_event(publication, now=self._loop.time())
 
     def flush_soon(self) -> None:
         """Publish what clients have written, when the request that is being served is done."""

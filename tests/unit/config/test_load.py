@@ -228,7 +228,8 @@ BAD: list[tuple[str, str, list[str]]] = [
         [
             (
                 "F:4:bridges.a.master_uri: unknown key `master_uri`; known keys: "
-                "`kind`, `space`, `status_id`, `description`, `state_dir`, `requestors`, `monitoring_port`, "
+                "`kind`, `space`, `status_id`, `description`, `publisher_id`, `publisher_id_type`, `state_dir`, "
+                "`requestors`, `monitoring_port`, "
                 "`node_name`, `discovery`"
             )
         ],

@@ -379,7 +379,7 @@ def test_two_groups_with_the_same_writer_id_are_kept_apart() -> None:
         ({"types": (DOUBLE,), "values": (1.0,)}, Drop.LAYOUT),
         ({"types": (STRING, DOUBLE), "values": ("a", 1.0)}, Drop.LAYOUT),
         ({"types": (DOUBLE | 0x80, STRING), "values": ((1.0,), "a")}, Drop.LAYOUT),
-        ({"kind": int(FrameKind.EVENT)}, Drop.UNSUPPORTED),
+        ({"kind": int(FrameKind.EVENT), "types": (DOUBLE,), "values": (1.0,)}, Drop.LAYOUT),
         ({"kind": int(FrameKind.DELTA), "indices": (0, 1)}, Drop.NO_KEY_FRAME),
         ({"valid": False}, Drop.INVALID),
     ],

@@ -22,6 +22,7 @@ from typing import Final
 
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, RemoteWireError
+from ua_fleet.pubsub.publisher_ids import PublisherIds
 from ua_fleet.pubsub.security.groups import Group, KeyGroups, command_group, telemetry_group
 from ua_fleet.pubsub.security.keyring import GroupKeys, Token
 from ua_fleet.pubsub.security.nonces import NonceReservations, NonceSequence, NoncesUnavailable, nonce_prefix
@@ -68,6 +69,7 @@ class Envelope:
         past_keys: int = 1,
         asks_for_all: bool = False,
         setpoint_groups: Mapping[int, int] | None = None,
+        publisher_ids: PublisherIds | None = None,
         random: Random | None = None,
     ) -> None:
         """Make an envelope without keys.
@@ -85,6 +87,7 @@ class Envelope:
                 PublisherId, so this is for keys that nobody has to be asked for.
             setpoint_groups: spaces by the WriterGroups of the server's setpoints for them, which the keys of the
                 commands of these spaces secure.
+            publisher_ids: of spaces that have another PublisherId on the wire than their number.
             random: where the random part of nonces comes from.
         """
         random = random or Random()  # noqa: S311 - this part of a nonce need not be a secret (table 156)
@@ -96,6 +99,7 @@ class Envelope:
         self._groups = KeyGroups(past_keys, frozenset(relaxed_replay), takes_all=asks_for_all)
         self._telemetry: Mapping[int | str | None, Group] = self._groups.telemetry
         self._setpoint_groups = setpoint_groups or {}
+        self._ids = publisher_ids
         self._reassembly = Reassembly(counters, max_message_bytes)
         self._chunks = ChunkReader()
         self._chunked = random.getrandbits(16)
@@ -111,7 +115,7 @@ class Envelope:
     @property
     def max_plain_bytes(self) -> int:
         """The longest plain message that goes as one datagram; longer ones go as chunks."""
-        return self._most_bytes
+        return self._most_bytes - (0 if self._ids is None else self._ids.most_added_bytes)
 
     def want(self, group_id: str) -> None:
         """Need the keys of a group from now on."""
@@ -139,9 +143,11 @@ class Envelope:
 
         Raises LocalWireError for what cannot be secured or split.
         """
+        if self._ids is not None:
+            datagram = self._ids.outward(datagram)
         if self._mode is _NONE:
             return [datagram] if len(datagram) <= self._most_bytes else self._split(datagram)
-        heard = read_security(datagram)
+        heard = self._read(datagram)
         if heard.mode is not _NONE:
             raise LocalWireError("a message that is secured already")
         if heard.is_discovery and _is_probe(datagram):
@@ -171,6 +177,11 @@ class Envelope:
             self.problem = ""
         return sealed
 
+    def _read(self, datagram: bytes) -> SecuredDatagram:
+        """What a message says of its sender and its security, the sender by its space."""
+        heard = read_security(datagram)
+        return heard if self._ids is None else self._ids.named(heard)
+
     def open(self, datagram: bytes, now: float) -> bytes | None:
         """The plain and whole message that a datagram is or completes; None where chunks are missing.
 
@@ -180,11 +191,15 @@ class Envelope:
             Refused: it was not let in.
             RemoteWireError: it is malformed.
         """
+        plain = self._open(datagram, now)
+        return plain if plain is None or self._ids is None else self._ids.inward(plain)
+
+    def _open(self, datagram: bytes, now: float) -> bytes | None:
         if self._mode is _NONE:
             if len(datagram) > 2 and datagram[0] & HAS_EXTENDED_FLAGS_1 and datagram[1] & HAS_EXTENDED_FLAGS_2:
                 return self._open_unsecured(datagram, now)
             return datagram
-        heard = read_security(datagram)
+        heard = self._read(datagram)
         if heard.is_action or heard.is_discovery:
             return self._open_other(heard, now)
         publisher_id = heard.publisher_id
@@ -224,7 +239,7 @@ class Envelope:
         if self._mode is _NONE:
             return True
         try:
-            heard = read_security(datagram)
+            heard = self._read(datagram)
         except RemoteWireError:
             return False
         group = self._telemetry.get(self._own_space)
@@ -242,8 +257,9 @@ class Envelope:
         chunk = self._chunks.read(datagram)
         if chunk is None:
             return datagram
-        if chunk.publisher_id == self._own_space and not chunk.is_action:
-            raise DatagramRefused(Drop.LOOP, read_security(datagram))
+        sender = chunk if self._ids is None else self._ids.named(chunk)
+        if sender.publisher_id == self._own_space and not chunk.is_action:
+            raise DatagramRefused(Drop.LOOP, self._read(datagram))
         return self._reassembly.add(chunk, now)
 
     def _open_other(self, heard: SecuredDatagram, now: float) -> bytes | None:
@@ -341,6 +357,8 @@ class Envelope:
 
         It ends before the last one where there is no key or no nonce any more.
         """
+        if self._ids is not None:
+            datagram = self._ids.outward(datagram)
         self._chunked = (self._chunked + 1) & 0xFFFF
         for chunk in split_one_by_one(datagram, self._most_bytes, self._chunked):
             sealed = self.seal(chunk, clock())

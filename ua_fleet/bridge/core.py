@@ -4,8 +4,9 @@ Time is an argument. What is to be sent and published goes through two callables
 more than the work itself. The rule is asked in two places: here for what the space says, and in the subscriber for
 what PubSub says.
 
-A message whose status is Bad, or that says that a value is too old, is not published into the space: ROS has no way to
-say it. The same is true of a source that falls silent. Each is seen in the OPC UA server.
+A message whose status is Bad, or that says that a value is too old or a substitute (a recorded one), is not published
+into the space: ROS has no way to say it. The same is true of a source that falls silent. Each is seen in the OPC UA
+server.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from ua_fleet.pubsub.events import (
     SourceUnknown,
     SubscriberEvent,
 )
-from ua_fleet.pubsub.metadata import first_property, type_codes, with_max_age
+from ua_fleet.pubsub.metadata import NODE_ONLY, first_property, type_codes, with_max_age
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.topics import LoopVerdict, Side, Topic, loop_verdict
@@ -57,9 +58,6 @@ Rule = Callable[[Side, int, int, bool], LoopVerdict]
 SendDatagram = Callable[[bytes], None]
 PublishIntoSpace = Callable[[Topic, DataSetMetaData, DataSetMessage], bool]
 
-NODE_ONLY: Final = "NodeOnly"
-"""Property of a DataSet's first field: the data is for the server's nodes and has no form in a robot's space."""
-
 _DROPS: Final = {
     LoopVerdict.DROP_LOOP: Drop.LOOP,
     LoopVerdict.DROP_FOREIGN: Drop.FOREIGN,
@@ -70,7 +68,8 @@ _REMEMBERED: Final = 16
 _STATUS_CODE: Final = int(BuiltinType.STATUS_CODE)
 _BAD: Final = int(StatusCode.BAD)
 _LAST_USABLE: Final = int(StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE)
-_OLD: Final = _LAST_USABLE >> 16
+_NOT_OF_NOW: Final = (_LAST_USABLE >> 16, int(StatusCode.UNCERTAIN_SUBSTITUTE_VALUE) >> 16)
+"""The upper halves of the statuses of a value that is too old, or that somebody has put in place of one."""
 
 
 class ActionSide(Protocol):
@@ -310,10 +309,8 @@ class BridgeCore:
         wants = self.wants
         if wants is not None and isinstance(event, DataReceived | SourceSilent) and event.topic == wants.topic:
             wants.hear(event)
-        elif isinstance(event, DataReceived):
+        elif isinstance(event, DataReceived | EventReceived):
             self._data(event)
-        elif isinstance(event, EventReceived):
-            self._into_space(event.topic, event.metadata, event.message)
         elif isinstance(event, SourceSilent | SourceStale | SourceReturned):
             if self.stale is not None:
                 self.stale(event.topic, not isinstance(event, SourceReturned) or event.topic in self._bad)
@@ -340,13 +337,15 @@ class BridgeCore:
         elif self.actions is not None:
             self.actions.receive(event, now)
 
-    def _data(self, event: DataReceived) -> None:
+    def _data(self, event: DataReceived | EventReceived) -> None:
         topic, message, metadata = event
+        if topic in self._node_only:
+            return
         if self.teleoperation is not None and topic in self.teleoperation.topics:
             self.counters.drop(Drop.NOT_A_SETPOINT)
             return
         status = message.status or 0
-        is_bad, has_bad_field = bool(status & _BAD) or status >> 16 == _OLD, _has_bad_field(message, metadata)
+        is_bad, has_bad_field = _is_unfit(status), _has_bad_field(message, metadata)
         if is_bad or has_bad_field:
             if not is_bad:
                 self.counters.drop(Drop.CONVERSION)
@@ -355,11 +354,6 @@ class BridgeCore:
                 self.stale(topic, True)
             return
         self._bad.discard(topic)
-        self._into_space(topic, metadata, message)
-
-    def _into_space(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> None:
-        if topic in self._node_only:
-            return
         try:
             if not self._publish(topic, metadata, message):
                 return  # the driver has counted why
@@ -379,6 +373,11 @@ class BridgeCore:
             self.counters.looped += 1
         else:
             published.append(timestamp)
+
+
+def _is_unfit(status: int) -> bool:
+    """Whether a message has no form in a space, which has no way to say such a status."""
+    return bool(status & _BAD) or status >> 16 in _NOT_OF_NOW
 
 
 def _unwrapped(types: tuple[int, ...], values: tuple[Any, ...]) -> tuple[tuple[int, ...], tuple[Any, ...]]:

@@ -78,6 +78,8 @@ def _build() -> typer.Typer:
         pubsub,
         pubsub_decode,
         pubsub_probe,
+        pubsub_record,
+        pubsub_replay,
         read,
         robot,
         scenario,
@@ -130,6 +132,9 @@ def _build() -> typer.Typer:
     _add(groups["pubsub"], "listen", pubsub.listen, pubsub.EXAMPLES)
     _add(groups["pubsub"], "probe", pubsub_probe.probe, pubsub_probe.EXAMPLES)
     _add(groups["pubsub"], "decode", pubsub_decode.decode, pubsub_decode.EXAMPLES)
+    _add(groups["pubsub"], "record", pubsub_record.record, pubsub_record.RECORD_EXAMPLES)
+    _add(groups["pubsub"], "replay", pubsub_replay.replay, pubsub_replay.EXAMPLES)
+    _add(groups["pubsub"], "export", pubsub_record.export, pubsub_record.EXPORT_EXAMPLES)
     _add(groups["modbus"], "serve", modbus.serve, modbus.SERVE_EXAMPLES)
     _add(groups["modbus"], "map", modbus.show_map, modbus.MAP_EXAMPLES)
     _add(groups["scenario"], "list", scenario.show, scenario.LIST_EXAMPLES)

@@ -32,6 +32,7 @@ __all__ = [
     "Opener",
     "ToolKeys",
     "lacks_keys",
+    "source_of",
     "tool_envelope",
     "tool_keys",
 ]
@@ -197,15 +198,16 @@ async def tool_keys(
     if fleet.pubsub.security is PubSubSecurity.NONE:
         yield None
         return
-    async with _source(fleet, config_dir, as_bridge) as source:
+    async with source_of(fleet, config_dir, as_bridge) as source:
         keys = ToolKeys(envelope, source)
         await keys.refresh()
         yield keys
 
 
-def _source(
+def source_of(
     fleet: FleetConfig, config_dir: Path, as_bridge: str | None
 ) -> contextlib.AbstractAsyncContextManager[KeySource]:
+    """Where a tool gets keys of a fleet from; raises ConfigError for a bridge that there is not."""
     keys = fleet.pubsub.keys
     if keys.source == "files":
         return contextlib.nullcontext(FileKeySource(config_dir / keys.folder, SecurityPolicy.named(keys.policy)))

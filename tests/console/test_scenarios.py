@@ -9,6 +9,7 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from tests.console import browsing
 from tests.console.conftest import Fleet
 
 Open = Callable[..., Page]
@@ -85,8 +86,16 @@ def test_a_scenario_is_started_with_its_parameters_and_followed(
     expect(nodes).to_have_count(9)
     expect(nodes.filter(has_text="again")).to_contain_text("time 2")
     expect(page.locator(".svelte-flow__edge")).to_have_count(11)
-    page.get_by_role("button", name="Show all").click()
+    # In a window of another size it is whole again, until somebody looks at a part of it.
+    scale = "one => new DOMMatrix(getComputedStyle(one).transform).a"
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    wide = page.locator(".svelte-flow__viewport").evaluate(scale)
     picture(page, "run-graph")
+    browsing.show(page, "light", 360)
+    page.wait_for_function(f"wide => ({scale})(document.querySelector('.svelte-flow__viewport')) < wide", arg=wide)
+    browsing.show(page, "light", 1280)
+    page.wait_for_function(f"wide => ({scale})(document.querySelector('.svelte-flow__viewport')) === wide", arg=wide)
+    page.get_by_role("button", name="Show all").click()
     page.get_by_role("group", name="Graph").focus()
     before = page.locator(".svelte-flow__viewport").evaluate("one => one.style.transform")
     page.keyboard.press("ArrowRight")

@@ -171,6 +171,35 @@ def test_a_text_is_checked_by_the_server_while_it_is_typed_and_stored(
     assert stored.endswith("  - {wait: 1}\n  # stays\n  - {task: a, robot: left, skill: work}\n")
 
 
+def test_a_new_scenario_is_named_and_written_by_blocks_alone(fleet: Fleet, open_page: Open, picture: Picture) -> None:
+    fleet.plant.scenario("taken", "  - {wait: 1}\n")
+    page = open_page("engineer", PLACE)
+    expect(row(page, "taken")).to_be_visible()
+    page.get_by_role("button", name="New scenario").click()
+    name, store = page.get_by_label("Name of the scenario"), page.get_by_role("button", name="Store")
+    for wrong in ("2 words", ""):
+        name.fill(wrong)
+        page.keyboard.press("Tab")
+        expect(name).to_have_accessible_description(re.compile("Begin with a letter"))
+        expect(store).to_have_attribute("aria-disabled", "true")
+    name.fill("taken")
+    page.keyboard.press("Tab")
+    expect(name).to_have_accessible_description("There is a scenario of this name.")
+    picture(page, "editor-new")
+    name.fill("by_blocks")
+    # At once, while the blocks are still those of the text with the other name.
+    put_in = page.get_by_role("group", name="Put in").get_by_role("button", name="work")
+    expect(page.get_by_role("treeitem")).to_have_count(1)
+    put_in.evaluate("button => { document.activeElement.blur(); button.click(); button.click(); }")
+    expect(page.get_by_role("heading", level=1, name="by_blocks")).to_be_visible()
+    expect(page.get_by_role("treeitem").filter(has_text="work_2")).to_be_focused()
+    store.click()
+    expect(page.get_by_text("by_blocks was stored.")).to_be_visible()
+    task = "  - {{task: {}, skill: work, capacity: weld}}\n"
+    assert stored(fleet, "by_blocks") == "  - {wait: 1}\n" + task.format("work") + task.format("work_2")
+    expect(name).to_have_count(0)
+
+
 def test_who_stores_over_another_sees_what_differs(fleet: Fleet, open_page: Open, picture: Picture) -> None:
     fleet.plant.scenario("shared", "  - {task: a, skill: work, robot: left}\n  - {wait: 1}\n")
     file = fleet.plant.folder / "scenarios" / "shared.yaml"

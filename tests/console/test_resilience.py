@@ -87,6 +87,9 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     # One unit is the criterion's own, the other one that of the robots' values.
     best = page.get_by_role("region", name="Ranking").locator("tbody tr").first
     expect(best).to_contain_text(re.compile(r"50\s+%\s*worth .*5\s+kg\s*worth ", re.DOTALL))
+    others = page.get_by_role("region", name="Ranking").locator("dl")
+    expect(others.locator("dt")).to_have_text(["left"])
+    expect(others.locator("dd")).to_contain_text("the welding tip is worn")
     observer = open_page("observer", PLACE)
     expect(observer.get_by_role("button", name="Choose right")).to_be_disabled()
 
@@ -114,6 +117,21 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     expect(page.get_by_role("heading", name="a, instead of left")).to_be_visible()
     expect(page.get_by_role("slider")).to_have_count(0)
     picture(page, "resilience-taken")
+
+
+def test_a_person_ends_the_run_in_place_of_choosing(open_page: Open, picture: Picture) -> None:
+    page = open_page("operator", PLACE)
+    ask(page, "fault.raise", robot="left", reason="the welding tip is worn")
+    ask(page, "scenario.run", scenario="long")
+    page.get_by_role("button", name="Abort the run…").click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_role("button", name="Abort the run", exact=True).click()
+    expect(dialog.get_by_label("Reason")).to_be_focused()
+    dialog.get_by_label("Reason").fill("<b>enough</b>")
+    picture(page, "resilience-abort")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("status").filter(has_text="The run is aborted.")).to_be_visible()
+    expect(page.get_by_text("No decision is open.")).to_be_visible()
 
 
 def test_an_engineer_says_who_decides(open_page: Open) -> None:

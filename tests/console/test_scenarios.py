@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 from collections.abc import Callable
 
 import pytest
@@ -11,6 +12,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from tests.console import browsing
 from tests.console.conftest import Fleet
+from tests.contract.skilled import ENDLESS_WORK
 
 Open = Callable[..., Page]
 Picture = Callable[[Page, str], None]
@@ -483,3 +485,25 @@ def test_a_dry_run_shows_what_would_happen_over_time(fleet: Fleet, open_page: Op
     expect(watcher.get_by_role("button", name="Dry run…")).to_have_attribute(
         "title", re.compile("required role: Operator")
     )
+
+
+def test_a_person_says_what_became_of_a_task_that_nobody_knows(fleet: Fleet, open_page: Open, picture: Picture) -> None:
+    work = f"{{task: lost, skill: work, robot: middle, arguments: {{work: {ENDLESS_WORK}}}, on_unknown: ask}}"
+    fleet.plant.scenario("unknown", f"  - {work}\n")
+    page = open_page("operator", PLACE)
+    chosen(page, "unknown", "Start…")
+    page.get_by_role("dialog").get_by_role("button", name="Start").click()
+    expect(lines(page).first).to_contain_text("At it")
+    fleet.plant.machines["middle"].forget()
+    fleet.bridges["middle"].end(signal.SIGKILL)
+    fleet.bridges["middle"] = fleet.plant.start_bridge("middle")
+    question = page.get_by_role("region", name="Question about lost")
+    expect(question).to_contain_text("Did middle do “lost”? Its outcome is unknown.", timeout=60_000)
+    watcher = open_page("observer", page.url.partition("/#")[2].join(["#", ""]))
+    expect(watcher.get_by_role("button", name="It was done")).to_have_attribute(
+        "title", "Your role does not allow this; required role: Operator."
+    )
+    picture(page, "run-question")
+    question.get_by_role("button", name="It was done").click()
+    expect(page.locator("header").get_by_text("Done")).to_be_visible()
+    expect(question).to_have_count(0)

@@ -331,6 +331,47 @@ def test_a_long_text_is_read_in_a_thread_of_its_own(fleet: Fleet, open_page: Ope
     expect(steps).to_have_count(200)
 
 
+SLOW_READER = """
+const Plain = window.Worker;
+window.Worker = class extends Plain {
+  postMessage(...all) { setTimeout(() => super.postMessage(...all), 400); }
+};
+"""
+
+
+def test_edits_that_are_made_while_one_is_read_follow_it_and_none_is_lost(fleet: Fleet, open_page: Open) -> None:
+    """However long a text takes that is read in the other thread."""
+    tasks = [f"  - {{task: t{number}, skill: work, robot: left}}\n" for number in range(4)]
+    fleet.plant.scenario("slow", "".join(tasks))
+    page = open_page("engineer", PLACE + "/edit/slow")
+    page.add_init_script(SLOW_READER)
+    page.reload()
+    steps = page.get_by_role("tree", name="Blocks").get_by_role("treeitem")
+    first, text = steps.filter(has_text="t0"), text_of(page, "slow")
+    first.focus()
+    for _ in range(3):
+        page.keyboard.press("Alt+ArrowDown")
+    expect(steps.nth(3)).to_contain_text("t0")
+    expect(first).to_be_focused()
+    fields = page.get_by_role("region", name="Fields of t0")
+    fields.get_by_label("Retries").fill("3")
+    fields.get_by_label("Skill").focus()
+    page.keyboard.press("Control+s")
+    expect(page.get_by_text("slow was stored.")).to_be_visible()
+    kept = "".join((*tasks[1:], tasks[0].replace("left}", "left, retries: 3}")))
+    assert stored(fleet, "slow") == kept
+    fields.get_by_label("Retries").fill("4")
+    page.get_by_role("button", name="Blocks").click()
+    expect(text).to_contain_text("retries: 4")
+    page.get_by_role("button", name="Blocks").click()
+    first.focus()  # blocks that are opened anew begin with the first step
+    fields.get_by_label("Retries").fill("5")
+    page.get_by_role("link", name="Library").click()
+    page.wait_for_timeout(600)  # nothing says that it was kept
+    row(page, "slow").get_by_role("link").click()
+    expect(text).to_contain_text("retries: 5")
+
+
 FORMS = """\
   # of one
   - {task: one, skill: work, robot: left}  # behind

@@ -50,9 +50,8 @@ WATCHERS: Final = 4
 LARGEST_BATCH: Final = 500
 """The same while much waits, so that it is written within a second."""
 MOST_WAITING: Final = 20_000
-"""Values and events. With one more the first of them is written at once."""
-MOST_FOLLOWING: Final = 1000
-"""Events and such that wait behind values; one more, and all that waits is done at once."""
+"""Events, and values that must be told before the last one of their node. For one more, the first of all that waits is
+done at once."""
 
 
 class Projection:
@@ -90,8 +89,8 @@ class Projection:
         """Writes that this turn has left."""
         self._pending: OrderedDict[object, ValueChanged | Callable[[], None]] = OrderedDict()
         """What waits for a turn: the last value of each node, by its id, others of it, and what follows on values."""
-        self._following = 0
-        """How many of these are no values."""
+        self._extra = 0
+        """How many of these are not the last value of a node."""
         self._ticks: int | None = None
         self._source_time: datetime | None = None
         """The time of the source that was written last, as ticks and as asyncua has it: a message has one."""
@@ -161,6 +160,7 @@ class Projection:
             return
         if isinstance(change, SourceRemoved | RobotRemoved):
             self._write_waiting(inf)  # what waits may be about them
+            self._left = 0
         self._do(lambda: self._apply(change), what)
 
     def then(self, action: Callable[[], None], what: str = "") -> None:
@@ -168,10 +168,8 @@ class Projection:
         if not self._pending:
             self._do(action, what)
             return
-        self._pending[object()] = lambda: self._do(action, what)
-        self._following += 1
-        if self._following > MOST_FOLLOWING:
-            self._write_waiting(inf)
+        self._hold_extra(lambda: self._do(action, what))
+        self._keep_bound()
 
     def _do(self, action: Callable[[], None], what: str) -> None:
         try:
@@ -182,13 +180,22 @@ class Projection:
 
     def _hold(self, change: ValueChanged) -> None:
         """Keep a value for one of the next turns."""
-        if not self._pending:
-            self._sooner()
+        is_first = not self._pending
         before = self._pending.pop(change.key, None)
         if isinstance(before, ValueChanged) and not (before.can_wait and change.can_wait):
-            self._pending[object()] = before
+            self._hold_extra(before)
         self._pending[change.key] = change
-        if len(self._pending) > MOST_WAITING:
+        self._keep_bound()
+        if is_first:
+            self._sooner()
+
+    def _hold_extra(self, what: ValueChanged | Callable[[], None]) -> None:
+        self._pending[object()] = what
+        self._extra += 1
+
+    def _keep_bound(self) -> None:
+        """Do one thing for each that came beyond the bound, so that the memory for what waits has one too."""
+        if self._extra > MOST_WAITING:
             self._do_first()
 
     def _write_waiting(self, count: float) -> None:
@@ -197,11 +204,11 @@ class Projection:
             self._do_first()
 
     def _do_first(self) -> None:
-        _, first = self._pending.popitem(last=False)
+        key, first = self._pending.popitem(last=False)
+        self._extra -= type(key) is object
         if isinstance(first, ValueChanged):
             self.write_ahead(first)
         else:
-            self._following -= 1
             first()
 
     def _set_capacities(self, change: CapacitiesChanged) -> None:

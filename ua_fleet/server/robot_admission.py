@@ -56,7 +56,8 @@ class RobotAdmission:
         """A robot has come."""
         self._hub().add_robot(robot)
         self._offers.follow(robot)
-        self._projection.then(partial(self._shown, robot))
+        self._skills.add(robot)
+        self._projection.then(partial(tell_model_change, self._events, robot, Verb.NODE_ADDED, self._wall_ticks()))
 
     def let_go(self, robot: RobotModel) -> None:
         """A robot that does nothing is gone."""
@@ -82,7 +83,3 @@ class RobotAdmission:
         """The source that has an id and belongs to no robot or bridge."""
         owner = self._state.owner(ns, identifier)
         return None if owner is None or self._state.knows(owner) else owner
-
-    def _shown(self, robot: RobotModel) -> None:
-        self._skills.add(robot)
-        tell_model_change(self._events, robot, Verb.NODE_ADDED, self._wall_ticks())

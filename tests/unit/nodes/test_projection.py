@@ -7,11 +7,14 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
+import pytest
+
 from tests.unit.nodes.model_server import children, fleet_built, ua
 from ua_fleet.endpoint.convert import raw_id
 from ua_fleet.fleet import DataSetModel, FieldModel, SourceAdded, SourceQuarantined, SourceRemoved, ValueChanged
 from ua_fleet.monitoring import Mistakes
-from ua_fleet.nodes.projection import BATCH, LARGEST_BATCH, MOST_FOLLOWING, MOST_WAITING, WATCHERS, Projection
+from ua_fleet.nodes import projection as projection_module
+from ua_fleet.nodes.projection import BATCH, LARGEST_BATCH, MOST_WAITING, WATCHERS, Projection
 from ua_fleet.topics import Topic
 from ua_fleet.values import UNIX_EPOCH_TICKS, BuiltinType, NodeId, StatusCode
 
@@ -289,15 +292,54 @@ async def test_events_have_no_flood_of_values_written_at_once() -> None:
         assert told.count("event") == 30
 
 
-async def test_not_all_events_of_a_flood_wait_behind_values() -> None:
-    async with fleet_built(many(BATCH + 1)) as (_, nodes):
+async def test_no_more_events_wait_behind_values_than_memory_is_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(projection_module, "MOST_WAITING", 10)
+    async with fleet_built(many(BATCH + 2)) as (_, nodes):
         projection, told = Projection(nodes), list[int]()
-        for number in range(BATCH + 1):
+        for number in range(BATCH + 2):
             projection.write(valued(number, 1.0, can_wait=True))
-        for number in range(MOST_FOLLOWING + 1):
+        for number in range(100):
             projection.then(functools.partial(told.append, number))
-        assert told == list(range(MOST_FOLLOWING + 1))
-        assert not projection.waiting
+            assert projection.waiting <= 2 + 10
+        while projection.waiting:
+            projection.poll(0.0)
+        assert told == list(range(100))
+
+
+async def test_nodes_that_become_bad_at_once_are_written_in_turns_however_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(projection_module, "MOST_WAITING", 10)
+    count = BATCH * 4
+    async with fleet_built(many(count)) as (server, nodes):
+        told: list[Any] = []
+        for number in range(count):
+            noted(server, FIRST + number, told)
+        projection = Projection(nodes)
+        for number in range(count):
+            projection.write(valued(number, 1.0))
+        assert (len(told), projection.waiting) == (BATCH, count - BATCH)
+
+
+async def test_a_source_that_goes_leaves_no_turn_without_a_bound() -> None:
+    async with fleet_built(many(BATCH * 4)) as (_, nodes):
+        projection = Projection(nodes)
+        source = DataSetModel(Topic(5, 2, 700), "/odom", (FieldModel(NodeId(2, 700), "x", DOUBLE),))
+        projection.put(SourceAdded(source))
+        for number in range(BATCH * 2):
+            projection.write(valued(number, 1.0, can_wait=True))
+        projection.put(SourceRemoved(source))
+        assert projection.waiting == 0
+        for number in range(BATCH * 2):
+            projection.write(valued(number, 2.0, can_wait=True))
+        assert projection.waiting == BATCH * 2
+
+
+async def test_who_wakes_the_timer_finds_what_waits() -> None:
+    async with fleet_built(many(BATCH + 2)) as (_, nodes):
+        seen: list[float | None] = []
+        projection = Projection(nodes, sooner=lambda: seen.append(projection.next_deadline(7.0)))
+        for number in range(BATCH + 2):
+            projection.write(valued(number, 1.0))
+        assert seen == [7.0]
 
 
 async def test_no_event_waits() -> None:

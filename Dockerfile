@@ -1,4 +1,4 @@
-# The images of the testbed: core, ros1, ros2 and ur (docs/testbed.md). `docker compose build` makes them all.
+# The images of the testbed: core, ros1, ros2, ur and broker (docs/testbed.md). `docker compose build` makes them all.
 #
 # What is compiled or downloaded is so in stages of its own; an image holds Debian's Python, one virtual environment
 # without pip in the versions of requirements.lock, and the system's packages that it needs.
@@ -20,7 +20,7 @@ RUN apt-get update -qq \
     && cd /var/lib && mkdir ua-fleet && cd ua-fleet \
     && install -d -o ua-fleet -g ua-fleet -m 700 fleet server operator console modbus events traffic arm_side \
         mobile_side ridgeback_bridge ur3_bridge pioneer_1_bridge pioneer_2_bridge drone_bridge conveyor_bridge \
-        temperature_sensor_bridge
+        temperature_sensor_bridge hall_side yard_side broker
 # The root file system is read-only: whoever wants a home or logs in files has /tmp.
 # Also those that stages leave have the vendor, by which `docker image prune` finds them.
 LABEL org.opencontainers.image.licenses=Apache-2.0 \
@@ -129,4 +129,15 @@ FROM environment AS ur
 LABEL org.opencontainers.image.title=ua-fleet/ur \
       org.opencontainers.image.description="Bridge to Universal Robots arms, and a simulated controller"
 COPY --from=ur-packages /added /
+COPY --from=package /added /
+
+# --- broker: Debian's mosquitto -----------------------------------------------------------------------------------
+FROM environment AS broker
+LABEL org.opencontainers.image.title=ua-fleet/broker \
+      org.opencontainers.image.description="MQTT broker of a mixed fleet"
+USER root
+RUN apt-get update -qq \
+    && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends mosquitto mosquitto-clients \
+    && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/cache/debconf/*-old /var/log/apt /var/log/dpkg.log
+USER ua-fleet
 COPY --from=package /added /

@@ -4,17 +4,19 @@ SHELL := /bin/bash
 PYTHON := .venv/bin/python
 PYTHON_ROS1 := .venv-ros1/bin/python
 # Parts of the system whose absence fails the tests that need them, instead of skipping these:
-#   make test REQUIRE=ros1,ros2,node,ur,libmodbus,mbpoll,umockdev,dbus,compiler,netns,npm,chromium
+#   make test REQUIRE=ros1,ros2,node,ur,libmodbus,mbpoll,umockdev,dbus,compiler,netns,npm,node-red,chromium,mosquitto,nats
 REQUIRE ?=
-# Test processes side by side; many tests wait for processes that they started: make test JOBS=1
+# Test processes side by side, two a core, since most tests wait for processes that they started: make test JOBS=1
 # Files go in their order: those that take long come first, and the many short ones of tests/unit fill up the end.
-JOBS ?= 2
+JOBS ?= $(shell echo $$((2 * $$(nproc 2>/dev/null || echo 1))))
 # One group of benchmarks: make bench ONLY=codec
 ONLY ?=
 # Which demonstration: make demo DEMO=talkrobots
 DEMO ?= pal
 # More options for pytest (no files) or the demonstration: make test ARGS="-k topics"
 ARGS ?=
+# Else each process of tests would compile all of our modules and of the tests' for itself.
+unexport PYTHONDONTWRITEBYTECODE
 # How often a test that failed is run again before it counts as failed; those that were are named, with what went wrong:
 #   make test RERUNS=1
 RERUNS ?=
@@ -27,14 +29,16 @@ KEEP ?=
 # Runs of teleoperation over the whole chain, by their seeds: make test-teleoperation SEEDS=17,40-43
 SEEDS ?= 0-199
 
-.PHONY: help setup setup-test demo test test-main test-ros1 test-teleoperation picture testbed testbed-check bench lint format docs docs-serve sbom lock clean
+.PHONY: help setup setup-test demo test test-main test-ros1 test-cluster test-mutations test-teleoperation picture testbed testbed-check bench lint format docs docs-serve sbom lock clean
 
 help:
 	@echo "make demo    the fault-tolerant assembly line: OPC UA server, ROS 1 arm, ROS 2 mobile robot;"
 	@echo "             DEMO=talkrobots: nine tasks on seven robots and machines, one of which fails"
 	@echo "make test    all tests; what this machine lacks is skipped with the reason"
+	@echo "make test-mutations  200,000 mutated messages of JSON and UADP, of which make test has a part"
+	@echo "make test-cluster    the nine tasks over three nodes of a broker, one of which is killed: on a machine with time for it"
 	@echo "make test-teleoperation  200 runs in which robots are driven by hand and something on the way is cut or stops"
-	@echo "make testbed compose.yaml on this machine's Docker engine: both profiles to their end, then every kind of"
+	@echo "make testbed compose.yaml on this machine's Docker engine: all profiles to their end, then every kind of"
 	@echo "             container disturbed; testbed-check only says what this machine lacks for it"
 	@echo "make lint    ruff, mypy, pyright, import rules"
 	@echo "make docs    the documentation as a site, in build/site; docs-serve shows it while it is edited"
@@ -64,16 +68,21 @@ MAIN_TESTS = $(PYTHON) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reord
 ROS1_TESTS = $(PYTHON_ROS1) -m pytest tests/contract tests/unit/bridges/ros1 --drivers=ros1 --require="$(REQUIRE)" \
 	-p no:cacheprovider $(REPEATS) $(ARGS)
 
+# Those in the environment with rospy wait for most of their time: they run beside the others, and are told at the end.
 test: setup-test
-	@code=0; \
-	$(MAIN_TESTS) || code=$$?; \
-	[ $$code -eq 0 ] || [ $$code -eq $(NO_TESTS) ] || exit $$code; \
+	@code=0; ros1=0; pid=; log=$$(mktemp); \
+	trap '[ -z "$$pid" ] || kill $$pid 2>/dev/null; rm -f "$$log"' EXIT; \
 	if [ -x $(PYTHON_ROS1) ]; then \
-		$(ROS1_TESTS) || [ $$code-$$? = 0-$(NO_TESTS) ]; \
+		$(ROS1_TESTS) >"$$log" 2>&1 & pid=$$!; \
 	else \
-		echo "skipped: the contract suite for ROS 1, since there is no .venv-ros1 (see make setup)"; \
-		exit $$code; \
-	fi
+		echo "skipped: the contract suite for ROS 1, since there is no .venv-ros1 (see make setup)" >"$$log"; \
+	fi; \
+	$(MAIN_TESTS) || code=$$?; \
+	[ -z "$$pid" ] || wait $$pid || ros1=$$?; \
+	pid=; cat "$$log"; \
+	[ $$code -eq 0 ] || [ $$code -eq $(NO_TESTS) ] || exit $$code; \
+	if [ ! -x $(PYTHON_ROS1) ]; then exit $$code; fi; \
+	[ $$ros1 -eq 0 ] || [ $$code-$$ros1 = 0-$(NO_TESTS) ]
 
 test-main: setup-test
 	@$(MAIN_TESTS)
@@ -83,6 +92,14 @@ test-ros1: setup-test
 
 test-teleoperation: setup-test
 	@UA_FLEET_TELEOPERATION_SEEDS=$(SEEDS) $(PYTHON) -m pytest -s tests/teleoperation/test_chain.py --require="$(REQUIRE)" $(ARGS)
+
+test-cluster: setup-test
+	@UA_FLEET_CLUSTER=1 $(PYTHON) -m pytest tests/e2e/test_talkrobots_cluster.py --require="$(REQUIRE)" $(ARGS)
+
+# Decoded alone, and as a server hears them over MQTT. The usual run of the tests has a part of those of JSON.
+test-mutations: setup-test
+	@UA_FLEET_ALL_MUTATIONS=1 $(PYTHON) -m pytest --timeout=3600 tests/unit/wire/test_fuzz.py \
+		tests/unit/wire/json/test_fuzz.py tests/unit/transport/mqtt/test_hostile_json.py $(ARGS)
 
 # Those with which README begins, made by the test that goes through the nine tasks in the page.
 picture: setup-test
@@ -128,7 +145,7 @@ sbom: setup-test
 
 lock:
 	uv pip compile pyproject.toml --universal --python-version 3.11 --group build --group web --group dev --group docs --group ros1-tests \
-		--extra server --extra client --extra ros2 --extra modbus --extra ur --extra sensors --extra plot --extra keyring --extra console \
+		--extra server --extra client --extra ros2 --extra modbus --extra ur --extra sensors --extra plot --extra recording --extra keyring --extra console \
 		--no-emit-index-url --no-emit-find-links --no-annotate --no-header --generate-hashes --quiet --output-file requirements.lock
 
 clean:

@@ -30,7 +30,8 @@ from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.topics import Topic
-from ua_fleet.transport import Address, UdpTransport
+from ua_fleet.transport.base import Address
+from ua_fleet.transport.udp import UdpTransport
 from ua_fleet.values import BuiltinType
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 

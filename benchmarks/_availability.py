@@ -37,7 +37,7 @@ from ua_fleet.config.security import file_keys_of
 from ua_fleet.fleet.skills import SkillLimits
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
-from ua_fleet.transport import UdpTransport
+from ua_fleet.transport.udp import UdpTransport
 from ua_fleet.values import BuiltinType
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 

@@ -16,11 +16,17 @@ from tests.console.conftest import FLEET, log_in
 
 VIEWPORT: Final[Any] = {"width": 1280, "height": 800}
 _CATEGORIES: Final = ["-*", "devtools.timeline", "disabled-by-default-devtools.timeline"]
-_FRAMES: Final = """seconds => new Promise(done => {
+_FRAMES: Final = """([seconds, pixels]) => new Promise(done => {
   const times = [];
+  const list = document.querySelector('main .scroller');
   const until = performance.now() + seconds * 1000;
   const frame = now => {
     times.push(now);
+    if (pixels) {
+      const before = list.scrollTop;
+      list.scrollTop += pixels;
+      if (list.scrollTop === before) pixels = -pixels;  // from the end back
+    }
     if (now < until) requestAnimationFrame(frame);
     else done(times.slice(1).map((time, at) => time - times[at]));
   };
@@ -123,9 +129,9 @@ def work_of(events: list[dict[str, Any]]) -> Work:
     return Work(updates, max(one.get("tdur", 0) for one in tasks) / 1000)
 
 
-def frames(page: Page, seconds: float) -> list[float]:
-    """Milliseconds between frames while nobody touches the page."""
-    found: list[float] = page.evaluate(_FRAMES, seconds)
+def frames(page: Page, seconds: float, scrolled_px: int = 0) -> list[float]:
+    """Milliseconds between frames while nobody touches the page, or its list is scrolled so far with each of them."""
+    found: list[float] = page.evaluate(_FRAMES, [seconds, scrolled_px])
     return found
 
 

@@ -68,7 +68,7 @@ async def ours(port: int) -> None:
     from ua_fleet.server.hub import wall_ticks
     from ua_fleet.skill.journal import MemoryJournal
     from ua_fleet.topics import Topic, loop_verdict
-    from ua_fleet.transport import MemoryNetwork
+    from ua_fleet.transport.memory import MemoryNetwork
     from ua_fleet.values import BuiltinType, ticks_from_unix_ns
     from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 

@@ -22,7 +22,7 @@ from ua_fleet.pubsub.events import DataReceived, SubscriberEvent
 from ua_fleet.skill.executions import OPEN, ExecutionState
 from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.topics import Topic
-from ua_fleet.transport import Address
+from ua_fleet.transport.base import Address
 
 MOST_BYTES = 2000
 """Of a datagram that is looked at: an Action, an announcement, or a SkillStatus."""

@@ -1,7 +1,7 @@
 """What a key stroke in the console's editor takes with a scenario of 500 tasks, in a real Chromium.
 
 The text is written in the middle of the scenario, while the blocks beside it follow and the server checks what is
-written. Server, console and browser share the machine's cores.
+written; and a block in the middle is moved by keys. Server, console and browser share the machine's cores.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ KEY_MS: Final = 50.0
 _STROKES: Final = """() => {
   window.strokes = [];
   addEventListener('keydown', event => {
+    if (event.key === 'Alt') return;  // held for the next one
     const began = event.timeStamp;
     requestAnimationFrame(() => {
       const channel = new MessageChannel();
@@ -73,11 +74,11 @@ def running() -> Generator[tuple[Fleet, Console]]:
         yield fleet, console
 
 
-def strokes_ms(page: Page, chance: random.Random) -> list[float]:
-    """From each key stroke until what it changed is painted."""
+def strokes_ms(page: Page, chance: random.Random, keys: tuple[str, str]) -> list[float]:
+    """From each key stroke until the next frame is painted; the second key takes back what the first one does."""
     page.evaluate(_STROKES)
     for number in range(KEYS):
-        page.keyboard.press("x" if number % 2 == 0 else "Backspace")
+        page.keyboard.press(keys[number % 2])
         page.wait_for_timeout(chance.uniform(*PAUSE_MS))
     found: list[float] = page.evaluate("window.strokes")
     return found
@@ -94,15 +95,30 @@ def written_in(browser: Browser, url: str, name: str, chance: random.Random) -> 
             page.keyboard.press("PageDown" if TASKS[name] > 100 else "ArrowDown")
         page.keyboard.press("End")
         page.wait_for_timeout(1000)
-        return strokes_ms(page, chance)
+        return strokes_ms(page, chance, ("x", "Backspace"))
+
+
+def moved_in(browser: Browser, url: str, name: str, chance: random.Random) -> list[float]:
+    """Key strokes by which a block in the middle of a scenario is moved and moved back."""
+    with opened(browser, url, f"#/{FLEET}/scenarios/edit/{name}?view=blocks", "engineer") as page:
+        expect(page.get_by_role("region", name="Problems")).to_contain_text("It fits the fleet.")
+        block = page.get_by_role("treeitem").nth(TASKS[name] // 2)
+        block.focus()
+        task = block.inner_text().split()[0]
+        expect(page.get_by_role("region", name=f"Fields of {task}")).to_be_visible()
+        page.wait_for_timeout(1000)
+        found = strokes_ms(page, chance, ("Alt+ArrowDown", "Alt+ArrowUp"))
+        expect(page.get_by_role("treeitem").filter(has_text=task).first).to_be_focused()
+        return found
 
 
 def figures(rounds: int = FEWEST_ROUNDS) -> list[Figure]:
-    chance, large, small = random.Random(5), list[float](), list[float]()
+    chance, large, small, moved = random.Random(5), list[float](), list[float](), list[float]()
     with running() as (_, console), chromium() as browser:
         for _ in range(max(rounds, FEWEST_ROUNDS)):
             large += written_in(browser, console.url, "large", chance)
             small += written_in(browser, console.url, "small", chance)
+            moved += moved_in(browser, console.url, "large", chance)
     reference = f"with {TASKS['small']} tasks"
     return [
         within(f"key stroke to paint, {TASKS['large']} tasks, p95", part(large, 95), "ms", KEY_MS),
@@ -114,4 +130,5 @@ def figures(rounds: int = FEWEST_ROUNDS) -> list[Figure]:
             f"key stroke to paint, {TASKS['large']} tasks, p50", statistics.median(large), "ms",
             reference=reference, reference_value=statistics.median(small),
         ),
+        within(f"key stroke in the blocks to paint, {TASKS['large']} tasks, p95", part(moved, 95), "ms", KEY_MS),
     ]  # fmt: skip

@@ -23,12 +23,18 @@ import threading
 import time
 from typing import Any
 
+from tests import forked_children
+
 REQUEST_BYTES = 1 << 17
 
 
 def become(request: dict[str, Any], descriptors: list[int]) -> None:
     """Be a process of its own, as one that was started with this environment and these arguments."""
-    os.setpgid(0, 0)
+    has_session = request.get("has_session")
+    if has_session:
+        os.setsid()
+    elif has_session is None:  # of a child that a program has started, which stays in its group
+        os.setpgid(0, 0)
     kept = [os.dup(descriptor) for descriptor in descriptors]  # above those that they become
     for source, target in zip(kept, range(3), strict=True):
         os.dup2(source, target)
@@ -130,4 +136,7 @@ if __name__ == "__main__":
     with socket.socket(fileno=os.dup(0)) as channel:
         chosen = serve(channel)
     if chosen is not None:
+        if chosen["is_module"] and chosen["arguments"][:1] == ["demo"] and (asked := forked_children.fork()):
+            chosen, streams = asked
+            become(chosen, streams)
         run(chosen)

@@ -30,7 +30,11 @@ __all__ = ["Command", "ForkedProcess", "command_of"]
 _lock: Final = threading.Lock()
 _SERVER: Final = Path(__file__).with_name("fork_server.py")
 _ROOT: Final = Path(__file__).resolve().parent.parent
-_ROS1_PYTHON: Final = _ROOT / ".venv-ros1" / "bin" / "python"
+_COMMANDS: Final = {
+    str(Path(python).with_name("ua-fleet")): python
+    for python in (sys.executable, str(_ROOT / ".venv-ros1" / "bin" / "python"))
+}
+"""The command of each Python that has it, ours and the one with rospy."""
 _IMPORTED: Final = (
     "rospy",
     "tests.integration.scenarios.machines",
@@ -73,6 +77,7 @@ class ForkedProcess:
         *,
         reads: bool = False,
         complains: bool = False,
+        folder: Path | None = None,
     ) -> None:
         """Fork it.
 
@@ -81,6 +86,7 @@ class ForkedProcess:
             environment: all of its variables.
             reads: what is written to `stdin`; else nothing.
             complains: to `stderr`; else to `stdout`, with all that it says.
+            folder: where it works; else where this process does.
         """
         output, printed = os.pipe()
         self.stdin: TextIOWrapper | None = None
@@ -101,7 +107,7 @@ class ForkedProcess:
             "is_module": command.is_module,
             "arguments": command.arguments,
             "environment": dict(environment),
-            "folder": os.getcwd(),
+            "folder": str(folder or Path.cwd()),
         }
         with _lock:
             server = _server(command.python)
@@ -166,10 +172,14 @@ class ForkedProcess:
 def command_of(words: Sequence[str | Path]) -> Command | None:
     """The file or the module that a command has a Python run, ours or the one with rospy; None for any other command.
 
+    `ua-fleet` of one of them is its module `ua_fleet.cli`.
+
     Output is never held back in a forked process: so `-u` is as nothing.
     """
     python, *rest = [str(word) for word in words]
-    if python not in (sys.executable, str(_ROS1_PYTHON)):
+    if python in _COMMANDS:
+        return Command(_COMMANDS[python], "ua_fleet.cli", True, rest)
+    if python not in _COMMANDS.values():
         return None
     if rest[:1] == ["-u"]:
         del rest[0]

@@ -77,6 +77,31 @@ def _umockdev() -> str | None:
     return None if shutil.which("umockdev-wrapper") else "umockdev is not installed (Debian package umockdev)"
 
 
+def _mosquitto() -> str | None:
+    there = shutil.which("mosquitto") and shutil.which("mosquitto_sub")
+    return None if there else "mosquitto is not installed (Debian packages mosquitto and mosquitto-clients)"
+
+
+def nats_server() -> Path:
+    """The program that its wheel brings."""
+    return Path(sys.executable).parent / "nats-server"
+
+
+def _nats() -> str | None:
+    return None if nats_server().exists() else "nats-server is not installed; run: make setup-test"
+
+
+def node_red() -> Path:
+    """The program that its package brings."""
+    return ROOT / "tests" / "interop" / "node_modules" / ".bin" / "node-red"
+
+
+def _node_red() -> str | None:
+    if shutil.which("node") is None:
+        return "node is not installed (Debian package nodejs)"
+    return None if node_red().exists() else "node-red is not installed; run: make setup-test"
+
+
 def _netns() -> str | None:
     return network.missing_namespaces()
 
@@ -122,7 +147,10 @@ PARTS: dict[str, Callable[[], str | None]] = {
     "umockdev": _umockdev,
     "dbus": _dbus,
     "o6": _o6,
+    "mosquitto": _mosquitto,
+    "nats": _nats,
     "netns": _netns,
+    "node-red": _node_red,
     "npm": _npm,
     "chromium": _chromium,
 }
@@ -186,24 +214,40 @@ def clean_environment(**extra: str) -> dict[str, str]:
     return environment | extra
 
 
+def _is_still(group: int) -> bool:
+    """Whether all threads of a process group are stopped, or have ended."""
+    for stat in Path("/proc").glob("[0-9]*/task/*/stat"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            state, _parent, its_group = stat.read_text().rpartition(")")[2].split()[:3]
+            if int(its_group) == group and state not in "TtZX":
+                return False
+    return True
+
+
 class Child:
     """A started process whose output is collected line by line."""
 
     def __init__(
-        self, args: Sequence[str | Path], env: Mapping[str, str] | None = None, *, whole: bool = False
+        self,
+        args: Sequence[str | Path],
+        env: Mapping[str, str] | None = None,
+        *,
+        whole: bool = False,
+        folder: Path | None = None,
     ) -> None:
-        """Start it; `whole` says of a program in Python that it is not forked (see `Processes.start`)."""
+        """Start it in a folder; `whole` says of a program in Python that it is not forked (see `Processes.start`)."""
         self.args = [str(arg) for arg in args]
         self.lines: list[str] = []
         self._changed = threading.Condition()
         environment = dict(env) if env is not None else clean_environment()
         self.process: subprocess.Popen[str] | ForkedProcess
         if not whole and (command := command_of(args)) is not None:
-            self.process = ForkedProcess(command, environment)
+            self.process = ForkedProcess(command, environment, folder=folder)
         else:
             self.process = subprocess.Popen(
                 self.args,
                 env=environment,
+                cwd=folder,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -240,8 +284,15 @@ class Child:
                 self._changed.wait(min(left, 0.2))
 
     def freeze(self) -> None:
-        """Have it stand still; what it has open stays open."""
+        """Have it stand still; what it has open stays open.
+
+        The thread that takes the signal stops the others. On a busy machine these may run before it does.
+        """
         os.killpg(self.process.pid, signal.SIGSTOP)
+        deadline = time.monotonic() + 60
+        while not _is_still(self.process.pid):
+            assert time.monotonic() < deadline, "it does not stand still"
+            time.sleep(0.001)
 
     def go_on(self) -> None:
         """Have it go on after it stood still."""
@@ -301,13 +352,19 @@ class Processes:
         """Those that were started, also those that have ended."""
         return self._children
 
-    def start(self, *args: str | Path, env: Mapping[str, str] | None = None, whole: bool = False) -> Child:
-        """Start a process of its own group.
+    def start(
+        self,
+        *args: str | Path,
+        env: Mapping[str, str] | None = None,
+        whole: bool = False,
+        folder: Path | None = None,
+    ) -> Child:
+        """Start a process of its own group, in this folder or where the tests are.
 
         A file or a module that a Python runs is forked off a process that has imported what it needs (`forking`); with
         `whole` it is started as any other command.
         """
-        child = Child(args, env, whole=whole)
+        child = Child(args, env, whole=whole, folder=folder)
         self._children.append(child)
         return child
 

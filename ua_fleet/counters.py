@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
-__all__ = ["NO_LOSS", "Counters", "Drop"]
+__all__ = ["NO_LOSS", "OF_BRIDGES", "Counters", "Drop"]
 
 
 class Drop(StrEnum):
@@ -76,6 +76,24 @@ class Drop(StrEnum):
     """Datagrams that the kernel dropped because the receive buffer was full."""
     SEND_FAILED = "send_failed"
     """The kernel did not take a datagram."""
+    BROKER_AWAY = "broker_away"
+    """Not sent while the MQTT broker was away or too slow: of values the newest of each source is sent, no command."""
+    EXPIRED = "expired"
+    """An Action whose TimeoutHint was over before it could be sent to the MQTT broker."""
+    BROKER_REFUSED = "broker_refused"
+    """A message that the MQTT broker did not take: no permission, a quota, or too large."""
+    RETAINED = "retained"
+    """Data, an Action or an old announcement that an MQTT broker had kept: it says nothing of now."""
+    NOT_ITS_TOPIC = "not_its_topic"
+    """A message on another MQTT topic than its publisher's, or on none of this fleet's."""
+    NOT_OVER_JSON = "not_over_json"
+    """An Action over a JSON connection without `pubsub.actions`, or a setpoint: nothing of JSON is signed."""
+    NOT_ITS_CONNECTION = "not_its_connection"
+    """A message of a space whose bridge is not on the connection that it came by, or an Action where none are taken."""
+    NOT_RELAYED = "not_relayed"
+    """An Action or a setpoint that a relay has heard: it forwards none. Normal, where robots are commanded there."""
+    NOT_LISTED = "not_listed"
+    """A message of an origin that the relay is not configured to forward from there. Normal, where others speak too."""
     NOT_CONNECTED = "not_connected"
     """A message for a space that the bridge has been put out of."""
     TYPE_MISSING = "type_missing"
@@ -111,12 +129,18 @@ class Drop(StrEnum):
     """A setpoint with a value that is no finite number, or with another number of axes; it has stopped the robot."""
     NOT_A_SETPOINT = "not_a_setpoint"
     """Another message for data that takes the setpoints of teleoperation alone."""
+    DISABLED = "disabled"
+    """Not sent, or not taken: somebody has disabled the DataSetWriter, the DataSetReader, or what it is part of."""
     UNTOLD = "untold"
     """Not counted any more, since clients are told each state and event; for those who watch it."""
 
 
 NO_LOSS: Final = frozenset({Drop.LOOP, Drop.FOREIGN, Drop.OWN_PUBLICATION, Drop.REPEATED, Drop.DUPLICATE})
 """What was dropped because it was there already, or would have gone round: nobody misses it."""
+
+
+OF_BRIDGES: Final = tuple(drop for drop in Drop if drop not in (Drop.NOT_RELAYED, Drop.NOT_LISTED))
+"""Causes that bridges and the server count, and have in their nodes; the others are a relay's."""
 
 
 @dataclass(slots=True)
@@ -137,12 +161,14 @@ class Counters:
     """Deliveries of an (origin, writer, SourceTimestamp) at a place where it had been delivered; must stay 0."""
     drops: Counter[str] = field(default_factory=Counter[str])
     malformed: Counter[str] = field(default_factory=Counter[str])
+    forgiven: Counter[str] = field(default_factory=Counter[str])
+    """What JSON messages did wrong and was read all the same, by name (`docs/json.md`)."""
 
     def drop(self, cause: Drop, count: int = 1) -> None:
         """Count dropped messages."""
         self.drops[cause] += count
 
-    def drop_malformed(self, cause: str) -> None:
-        """Count a message that could not be decoded; `cause` is that of the RemoteWireError."""
-        self.drops[Drop.MALFORMED] += 1
-        self.malformed[cause] += 1
+    def drop_malformed(self, cause: str, count: int = 1) -> None:
+        """Count messages that could not be decoded; `cause` is that of the RemoteWireError."""
+        self.drops[Drop.MALFORMED] += count
+        self.malformed[cause] += count

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from typing import Final
 
+from ua_demo.broker import BROKER, find_broker
+from ua_demo.broker import settings_text as broker_settings
 from ua_demo.console import CONSOLE, introduce_console, settings_text
 from ua_demo.processes import Processes
 from ua_demo.site import ENGINEER, USER, Site
@@ -54,6 +56,16 @@ class Launch:
         command = ["/usr/bin/env", "rosmaster", "--core", "-p", str(port), "-w", "3"]
         await self._processes.start("rosmaster", command, self._site.environment(None))
         await self._processes.listening("rosmaster", port, START_TIMEOUT_S)
+
+    async def broker(self) -> None:
+        """Start the MQTT broker, where the demonstration has one, and wait until it listens."""
+        site = self._site
+        if site.broker_port is None:
+            return
+        settings = site.folder / "mosquitto.conf"
+        settings.write_text(broker_settings(site.broker_port), encoding="utf-8")
+        await self._processes.start(BROKER, [find_broker(), "-c", settings], site.environment(None))
+        await self._processes.listening(BROKER, site.broker_port, START_TIMEOUT_S)
 
     async def server(self, *options: str) -> None:
         """Start the server."""

@@ -45,14 +45,18 @@ class Layout:
     bridges_state: str = "state/bridges"
     modbus_state: str = "state/modbus"
     interface: str = "lo"
+    broker_nodes: tuple[str, ...] = ()
+    """Further nodes of the MQTT broker at `pubsub_url`, a cluster."""
     monitoring_port: int = 0
     modbus_host: str = "127.0.0.1"
     modbus_writers: str = "127.0.0.1"
 
     def words(self) -> dict[str, object]:
         """By their names in the templates."""
+        nodes = [f"broker: {{nodes: [{', '.join(self.broker_nodes)}]}}"] if self.broker_nodes else []
         return {
             **asdict(self),
+            "pubsub_url": "\n  ".join([self.pubsub_url, *nodes]),
             "trusted_clients": _ALL_CLIENTS if self.trusts_all_clients else _KNOWN_CLIENTS,
             "pubsub_security": _UNSECURED if self.keys is None else _SECURED + self.keys,
         }

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import secrets
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from ua_demo.broker import BROKER_PORT
 from ua_demo.console import why_no_console
 from ua_demo.layout import Layout, check_same_fleet
 from ua_demo.processes import free_tcp_port, udp_port_in_use
@@ -32,7 +33,8 @@ class Site:
 
     folder: Path
     server_port: int
-    pubsub_url: str
+    pubsub_urls: tuple[str, ...]
+    """One, or those of the nodes of an MQTT broker."""
     password: str
     """Of the users USER and ENGINEER."""
     master_port: int
@@ -43,6 +45,8 @@ class Site:
     """Whether PubSub is signed and encrypted, with keys from the server's key service."""
     console_port: int | None = None
     """None where there is no web console."""
+    broker_port: int | None = None
+    """Of the MQTT broker that the demonstration starts; None where it starts none."""
 
     @property
     def endpoint(self) -> str:
@@ -64,7 +68,8 @@ class Site:
         return Layout(
             written_by=f"demo {name}",
             server_port=self.server_port,
-            pubsub_url=self.pubsub_url,
+            pubsub_url=self.pubsub_urls[0],
+            broker_nodes=self.pubsub_urls[1:],
             keys=f"{{lifetime_s: {KEY_LIFETIME_S}}}" if self.secure else None,
             master_uri=f"http://127.0.0.1:{self.master_port}",
         )
@@ -97,11 +102,12 @@ def choose_site(
     *,
     port: int,
     master_port: int,
-    pubsub_url: str | None,
+    pubsub_urls: Sequence[str],
     without_ros1: bool,
     secure: bool,
     console_port: int | None,
     say: Callable[[str], None],
+    with_broker: bool = False,
 ) -> Site:
     """Choose ports and a password, and say what differs from what a reader expects.
 
@@ -109,18 +115,23 @@ def choose_site(
         folder: an empty folder for this run.
         port: wanted TCP port of the OPC UA server; another is taken if it is in use.
         master_port: wanted TCP port of the ROS master, likewise.
-        pubsub_url: PubSub address; by default the registered one, or another group if its port is in use.
+        pubsub_urls: PubSub address; by default the registered one, or another group if its port is in use. Of a
+            clustered broker those of its nodes.
         without_ros1: do without ROS 1 even if it is there.
         secure: sign and encrypt PubSub.
         console_port: wanted TCP port of the web console, likewise; None: no console.
         say: prints a line for people.
+        with_broker: PubSub goes over an MQTT broker that is started for it.
     """
+    broker_port = _free_port("the MQTT broker", BROKER_PORT, say) if with_broker else None
+    if broker_port is not None:
+        pubsub_urls = [f"mqtt://127.0.0.1:{broker_port}"]
     server_port = _free_port("the OPC UA server", port, say)
-    if pubsub_url is None:
-        pubsub_url = f"opc.udp://{_DEFAULT_GROUP}:{OPC_UA_PORT}"
+    if not pubsub_urls:
+        pubsub_urls = [f"opc.udp://{_DEFAULT_GROUP}:{OPC_UA_PORT}"]
         if udp_port_in_use(OPC_UA_PORT):
             group = f"239.{secrets.randbelow(254) + 1}.{secrets.randbelow(254) + 1}.{secrets.randbelow(254) + 1}"
-            pubsub_url = f"opc.udp://{group}:{OPC_UA_PORT}"
+            pubsub_urls = [f"opc.udp://{group}:{OPC_UA_PORT}"]
             say(f"UDP port {OPC_UA_PORT} is in use; PubSub takes the group {group}")
     ros1_python = None if without_ros1 else find_ros1_python(os.environ)
     if ros1_python is not None:
@@ -133,7 +144,18 @@ def choose_site(
         else:
             console_port = _free_port("the web console", console_port, say)
     password = secrets.token_urlsafe(9)
-    return Site(folder, server_port, pubsub_url, password, master_port, ros1_python, why, secure, console_port)
+    return Site(
+        folder,
+        server_port,
+        tuple(pubsub_urls),
+        password,
+        master_port,
+        ros1_python,
+        why,
+        secure,
+        console_port,
+        broker_port,
+    )
 
 
 def _free_port(who: str, wanted: int, say: Callable[[str], None]) -> int:

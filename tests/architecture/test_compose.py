@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ipaddress
 import re
 from collections.abc import Iterator, Mapping
+from itertools import combinations
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,8 +17,11 @@ ROOT: Final = Path(__file__).parents[2]
 COMPOSE: Final[Any] = yaml.safe_load((ROOT / "compose.yaml").read_text(encoding="utf-8"))
 SERVICES: Final[Mapping[str, Any]] = COMPOSE["services"]
 DOCKERFILE: Final = (ROOT / "Dockerfile").read_text(encoding="utf-8")
-JOBS: Final = {"setup": "talkrobots", "setup-pal": "pal"}
-BESIDE_THE_SERVER: Final = {"server", "server-pal", "tasks", "line", "plc-gateway", "console", "console-pal"}
+JOBS: Final = {"setup": "talkrobots", "setup-pal": "pal", "setup-brokered": "brokered"}
+SERVERS: Final = {testbed.server for testbed in TESTBEDS.values()}
+CONDUCTORS: Final = {testbed.conductor for testbed in TESTBEDS.values()}
+CONSOLES: Final = {testbed.console for testbed in TESTBEDS.values()}
+BESIDE_THE_SERVER: Final = {*SERVERS, *CONDUCTORS, *CONSOLES, "plc-gateway", "broker"}
 """Who is on the server's network beside the bridges."""
 STATE: Final = "/var/lib/ua-fleet"
 
@@ -29,6 +34,11 @@ def networks(name: str) -> Mapping[str, Any]:
 
 def is_bridge(name: str) -> bool:
     return name.endswith(("-bridge", "-side"))
+
+
+def plain_name(volume: str) -> str:
+    """Of a volume, without what tells those of one testbed from those of others."""
+    return volume.removeprefix("pal-").removeprefix("brokered-")
 
 
 def mounts(name: str) -> Iterator[tuple[str, str, bool]]:
@@ -77,14 +87,34 @@ def test_a_container_comes_back_and_says_how_it_is(name: str) -> None:
 
 
 @each_service
-def test_only_bridges_and_the_gateway_stand_in_two_networks(name: str) -> None:
+def test_only_bridges_the_gateway_and_the_broker_stand_in_two_networks(name: str) -> None:
     joined = networks(name).keys()
     assert bool(joined) == (name not in JOBS)
     if len(joined) > 1:
-        assert is_bridge(name) or name == "plc-gateway"
+        assert is_bridge(name) or name in ("plc-gateway", "broker")
         assert len(joined) == 2
-        assert "ua" in joined
-    assert ("ua" in joined) == (is_bridge(name) or name in BESIDE_THE_SERVER)
+        assert "ua" in joined or name == "yard-side"
+    assert ("ua" in joined) == ((is_bridge(name) and name != "yard-side") or name in BESIDE_THE_SERVER)
+
+
+def test_only_the_broker_joins_the_yard_and_only_its_bridge_the_machines_there() -> None:
+    on = {
+        network: {name for name in SERVICES if network in networks(name)} for network in ("ua", "yard", "yard-machines")
+    }
+    assert on["yard"] == {"broker", "yard-side"}
+    assert on["yard-machines"] == {"yard-side", "quadcopter"}
+    assert on["ua"] & on["yard"] == {"broker"}
+    assert COMPOSE["networks"]["yard"]["internal"] is True
+
+
+def subnet_of(network: str) -> ipaddress.IPv4Network:
+    text: str = COMPOSE["networks"][network]["ipam"]["config"][0]["subnet"]
+    return ipaddress.IPv4Network(text.replace("${UA_FLEET_NET:-10.214.84}", "10.214.84"))
+
+
+def test_networks_share_no_address() -> None:
+    subnets = [subnet_of(network) for network in COMPOSE["networks"]]
+    assert not [(one, other) for one, other in combinations(subnets, 2) if one.overlaps(other)]
 
 
 def test_addresses_are_in_their_network_and_each_is_given_once_in_a_profile() -> None:
@@ -97,9 +127,9 @@ def test_addresses_are_in_their_network_and_each_is_given_once_in_a_profile() ->
                 net, _, last_byte = options["ipv4_address"].rpartition(".")
                 assert net == "${UA_FLEET_NET:-10.214.84}"
                 last = int(last_byte)
-                subnet = COMPOSE["networks"][network]["ipam"]["config"][0]["subnet"]
-                start = int(subnet.rsplit(".", 1)[1].removesuffix("/26"))
-                assert start + 1 < last < start + 63, f"{name}: the first address is the gateway's"
+                subnet = subnet_of(network)
+                first, *_, highest = (int(str(host).rpartition(".")[2]) for host in subnet.hosts())
+                assert first < last <= highest, f"{name}: the first address is the gateway's"
                 given.append(last)
         assert len(given) == len(set(given))
 
@@ -113,10 +143,9 @@ def test_no_network_has_an_answer_from_outside() -> None:
 @each_service
 def test_ports_are_published_on_the_address_that_was_asked_for(name: str) -> None:
     ports = SERVICES[name].get("ports", [])
-    consoles = {"console", "console-pal"}
-    assert bool(ports) == (name in {"server", "server-pal", "plc-gateway"} | consoles)
+    assert bool(ports) == (name in {*SERVERS, *CONSOLES, "plc-gateway"})
     for port in ports:
-        if name in consoles:
+        if name in CONSOLES:
             assert port == "127.0.0.1:${UA_FLEET_CONSOLE_PORT:-8080}:8080", "without TLS on loopback alone"
             continue
         assert port.startswith("${UA_FLEET_PUBLISH:-127.0.0.1}:${UA_FLEET_")
@@ -125,7 +154,7 @@ def test_ports_are_published_on_the_address_that_was_asked_for(name: str) -> Non
 @each_service
 def test_only_the_job_may_change_the_fleet_s_files(name: str) -> None:
     for volume, folder, is_read_only in mounts(name):
-        assert folder == f"{STATE}/{volume.removeprefix('pal-').replace('-', '_')}"
+        assert folder == f"{STATE}/{plain_name(volume).replace('-', '_')}"
         if folder == f"{STATE}/fleet":
             assert is_read_only == (name not in JOBS)
 
@@ -133,13 +162,13 @@ def test_only_the_job_may_change_the_fleet_s_files(name: str) -> None:
 @each_service
 def test_keys_and_passwords_are_read_by_their_owner_alone(name: str) -> None:
     own = {
-        "operator": {"tasks", "line", "plc-gateway"},
-        "server": {"server", "server-pal"},
-        "console": {"console", "console-pal"},
+        "operator": {*CONDUCTORS, "plc-gateway"},
+        "server": SERVERS,
+        "console": CONSOLES,
         "modbus": {"plc-gateway"},
     }
     for volume, _, _ in mounts(name):
-        plain = volume.removeprefix("pal-")
+        plain = plain_name(volume)
         if name not in JOBS and plain not in {"fleet", "events", "traffic"}:
             assert name in own.get(plain, {plain}), f"{name} reads {volume}"
 
@@ -150,7 +179,7 @@ def test_what_a_robot_writes_is_opened_by_no_server_or_bridge(name: str) -> None
     for volume, _, is_read_only in mounts(name):
         if name in JOBS or name == "temperature-sensor-bridge":
             continue  # the thermometer, a robot, shares the container of its bridge
-        if name in {"tasks", "line"}:
+        if name in CONDUCTORS:
             assert is_read_only or not volume.endswith(("events", "traffic"))
         else:
             assert not volume.endswith("events" if opens_traffic else "traffic"), f"{name} has {volume}"
@@ -178,9 +207,10 @@ def test_every_process_of_a_testbed_has_a_service() -> None:
         with_thermometer = {"temperature_sensor"}  # beside its bridge, at the other end of its line
         robots = {robot for robot in testbed.robots if robot not in with_thermometer}
         wanted = {name.replace("_", "-") for name in (*testbed.bridges, *robots)}
-        wanted |= {job, testbed.server, testbed.console, testbed.conductor, "rosmaster"} | (
-            {"plc-gateway"} if testbed.has_modbus else set()
-        )
+        wanted |= {job, testbed.server, testbed.console, testbed.conductor}
+        wanted |= {"rosmaster"} if testbed.ros1_address else set()
+        wanted |= {"plc-gateway"} if testbed.has_modbus else set()
+        wanted |= {"broker"} if testbed.has_broker else set()
         assert there == wanted
         folders = {folder.removeprefix(f"{STATE}/") for _, folder, _ in mounts(job)}
         assert folders == set(testbed.volumes)
@@ -196,7 +226,7 @@ def test_the_ros_1_bridge_has_the_address_that_the_fleet_names() -> None:
     assert networks("arm-side")["ros1"]["ipv4_address"].endswith(f".{TESTBEDS['pal'].ros1_address}")
 
 
-@pytest.mark.parametrize("target", ["core", "ros1", "ros2", "ur"])
+@pytest.mark.parametrize("target", ["core", "ros1", "ros2", "ur", "broker"])
 def test_an_image_runs_as_a_user_without_rights_and_has_no_argument_of_the_build(target: str) -> None:
     stages = {
         name: (stands_on, text)
@@ -209,6 +239,18 @@ def test_an_image_runs_as_a_user_without_rights_and_has_no_argument_of_the_build
         user = user or (users[-1] if users else None)
         assert not re.findall(r"^ARG ", text, re.M)
     assert user == "ua-fleet"
+
+
+def test_each_process_has_its_own_name_for_the_file_that_asks_for_it() -> None:
+    for testbed in TESTBEDS.values():
+        for service in (testbed.server, *(bridge.replace("_", "-") for bridge in testbed.bridges)):
+            (own,) = {
+                folder.removeprefix(f"{STATE}/")
+                for volume, folder, _ in mounts(service)
+                if plain_name(volume) not in {"fleet", "traffic", "events"}
+            }
+            environment: dict[str, str] = SERVICES[service]["environment"]
+            assert testbed.environment(own).items() <= environment.items()
 
 
 def test_the_images_have_the_folder_of_each_volume() -> None:

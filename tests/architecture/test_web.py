@@ -13,6 +13,7 @@ from typing import Any, Final
 import pytest
 
 from tests import system
+from tests.console.browsing import WIDEST_PICTURES
 
 WEB: Final = system.ROOT / "web"
 SOURCES: Final = sorted(path for path in (WEB / "src").rglob("*") if path.suffix in (".ts", ".svelte"))
@@ -33,10 +34,9 @@ _TEMPLATE = re.compile(r"`((?:[a-z0-9_]+\.)+[a-z0-9_]*(?:\$\{[^`}]*\}[a-z0-9_]*)
 
 
 @pytest.mark.needs("npm")
-@pytest.mark.parametrize("script", ["lint", "test"])
-def test_web_s_own_checks_pass(script: str) -> None:
-    """Prettier and svelte-check with no warning; vitest."""
-    command = [sys.executable, "scripts/web.py", "--run", script]
+def test_web_s_own_tests_pass() -> None:
+    """Vitest; prettier and svelte-check are a part of `make lint`."""
+    command = [sys.executable, "scripts/web.py", "--run", "test"]
     done = subprocess.run(command, cwd=system.ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
 
@@ -107,3 +107,10 @@ def test_the_lock_file_names_no_registry_and_has_hashes() -> None:
         if name and not package.get("link"):
             assert package.get("integrity", "").startswith("sha512-"), name
             assert package.get("resolved", "https://registry.npmjs.org/").startswith("https://registry.npmjs.org/")
+
+
+def test_each_page_is_seen_at_the_greatest_width() -> None:
+    pages = re.findall(r"^  \{ name: '(\w+)'", (WEB / "src" / "pages.ts").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(WIDEST_PICTURES) == sorted([*pages, "login"])
+    tests = "".join(path.read_text(encoding="utf-8") for path in (system.ROOT / "tests" / "console").glob("test_*.py"))
+    assert [name for name in WIDEST_PICTURES.values() if f', "{name}")' not in tests] == []

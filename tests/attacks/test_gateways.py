@@ -40,7 +40,7 @@ class Console:
         """What each login of its people was answered with, and the seconds it took."""
 
     async def client(self, user: str, password: str) -> Client:
-        client: Client = AsyncuaClient(self._server.url, timeout=20)
+        client: Client = AsyncuaClient(self._server.url, timeout=60, watchdog_intervall=60)
         client.application_uri = URI
         client.set_user(user)
         client.set_password(password)

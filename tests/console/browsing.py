@@ -9,14 +9,28 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
-from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, sync_playwright
 
 from tests import system
 
 PICTURES: Final = system.ROOT / "build" / "pictures"
 THEMES: Final = ("light", "dark")
 WIDTHS: Final = (1280, 360)
-_HEIGHTS: Final = {1280: 800, 360: 740}
+WIDEST: Final = 3840
+WIDEST_PICTURES: Final = {
+    "login": "login",
+    "fleet": "fleet-1000",
+    "map": "map",
+    "scenarios": "editor-blocks",
+    "resilience": "resilience",
+    "alarms": "alarms",
+    "space": "space",
+    "pubsub": "pubsub-bridges",
+    "robot": "robot-chart",
+    "drive": "drive",
+}
+"""Of each page, the picture that is also made at this width: one of them takes as long as four of the others."""
+_HEIGHTS: Final = {WIDEST: 2160, 1280: 800, 360: 740}
 _AXE: Final = system.ROOT / "web" / "node_modules" / "axe-core" / "axe.min.js"
 _OPTIONS: Final = (
     "--disable-quic",
@@ -25,6 +39,13 @@ _OPTIONS: Final = (
     "--disable-component-update",
     "--disable-sync",
 )
+_BEYOND: Final = """(() => {
+  const all = document.documentElement;
+  const framed = document.querySelector('main#main');
+  return [all.scrollWidth - all.clientWidth, framed ? all.scrollHeight - all.clientHeight : 0];
+})()"""
+"""How much a page is wider and higher than the window. Only what is within the frame is scrolled downwards."""
+_MOST_TABS: Final = 80
 _RULES: Final = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
 
 
@@ -77,6 +98,19 @@ def axe_violations(page: Page) -> list[str]:
     return [f"{one['id']}: {one['help']}: {json.dumps(one['nodes'][:3])}" for one in found]
 
 
+def tabbed_to(page: Page, wanted: Locator, *, back: bool = False) -> None:
+    """Press Tab until it has the focus, as who has no mouse does; `back`: in the other direction."""
+    focused, met = wanted.and_(page.locator(":focus")), list[str]()
+    while len(met) < _MOST_TABS:
+        page.keyboard.press("Shift+Tab" if back else "Tab")
+        if focused.count():
+            return
+        met.append(
+            page.evaluate("document.activeElement.getAttribute('aria-label') || document.activeElement.innerText")
+        )
+    raise AssertionError(f"Tab never came to {wanted}: {met}")
+
+
 def show(page: Page, theme: str, width: int) -> None:
     """Have the page in a theme at a width, as a browser of a system with it would."""
     page.set_viewport_size({"width": width, "height": _HEIGHTS[width]})
@@ -85,17 +119,19 @@ def show(page: Page, theme: str, width: int) -> None:
 
 
 def pictures(page: Page, name: str) -> list[str]:
-    """Keep pictures of a page in both themes and widths, in build/pictures; what is wrong with any of them."""
+    """Keep pictures of a page in both themes and all widths, in build/pictures; what is wrong with any of them."""
     PICTURES.mkdir(parents=True, exist_ok=True)
     wrong: list[str] = []
-    for width in WIDTHS:
+    for width in (*WIDTHS, WIDEST) if name in WIDEST_PICTURES.values() else WIDTHS:
         for theme in THEMES:
             show(page, theme, width)
             page.wait_for_timeout(100)
             page.screenshot(path=PICTURES / f"{name}-{width}-{theme}.png")
-            wrong += [f"{theme}, {width} px: {one}" for one in axe_violations(page)]
-            beyond = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
-            if beyond > 0:
-                wrong.append(f"{theme}, {width} px: the page is {beyond} px wider than the window")
+            if width != WIDEST:  # whose elements are the same
+                wrong += [f"{theme}, {width} px: {one}" for one in axe_violations(page)]
+            beyond: list[int] = page.evaluate(_BEYOND)
+            for pixels, how in zip(beyond, ("wider", "higher"), strict=True):
+                if pixels > 0:
+                    wrong.append(f"{theme}, {width} px: the page is {pixels} px {how} than the window")
     show(page, "light", 1280)
     return wrong

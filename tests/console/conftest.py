@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page
+from playwright.sync_api import Browser, BrowserContext, Page, expect
 
 from tests import system
 from tests.console import browsing
@@ -27,6 +27,8 @@ from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 USERS: Final = {"observer": OBSERVER, "operator": OPERATOR, "engineer": ENGINEER}
 FLEET: Final = "hall"
 TITLE: Final = "Hall 1"
+PATIENCE_MS: Final = 60_000
+"""For what a page shows, as for other facts; a busy machine needs more than Playwright's 5 s."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -68,6 +70,11 @@ class Console:
         self.child.wait_for('"ready"')
 
 
+def long_decisions(raw: dict[str, Any]) -> None:
+    """On a busy machine a browser is at a decision for more than a minute."""
+    raw["resilience"]["limit_s"] = 600
+
+
 @contextmanager
 def fleet_of(folder: Path, prepare: Callable[[Plant], None] = lambda plant: None) -> Generator[Fleet]:
     """The fleet while the context lasts; `prepare` changes its files before it begins."""
@@ -75,6 +82,7 @@ def fleet_of(folder: Path, prepare: Callable[[Plant], None] = lambda plant: None
         # Long enough that a busy machine makes no robot silent that nobody has ended.
         patient = {"receive_timeout_s": 3.0}
         plant = Plant(folder, system.free_multicast_url(), system.free_tcp_port(), processes, "operator", patient)
+        plant.declare(long_decisions)
         plant.users()
         users = UserStore(folder / plant.config.server.state_dir / USERS_FILE, ScryptCost(2**8, 8, 1))
         users.add(*OBSERVER, Role.OBSERVER, replace_existing=True)
@@ -126,6 +134,13 @@ def console(fleet: Fleet, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
         yield running
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _patience() -> Iterator[None]:
+    expect.set_options(timeout=PATIENCE_MS)
+    yield
+    expect.set_options(timeout=5_000)
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """One Chromium for a module."""
@@ -162,7 +177,7 @@ def open_page(console: Console, browser: Browser, expected_complaints: list[str]
             viewport={"width": 1280, "height": 800}, storage_state=console.states.get(role), reduced_motion="reduce"
         )
         contexts.append(context)
-        context.set_default_timeout(15_000)
+        context.set_default_timeout(PATIENCE_MS)
         page = context.new_page()
         complaints.append(browsing.Complaints(page))
         if role and role not in console.states:

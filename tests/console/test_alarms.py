@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from playwright.sync_api import Locator, Page, expect
+
+from tests.console.conftest import Fleet
 
 Open = Callable[..., Page]
 Picture = Callable[[Page, str], None]
@@ -88,3 +91,29 @@ def test_engineers_are_told_audit_events(open_page: Open) -> None:
     ask(page, "robots.release", robot="left")
     rows = page.get_by_role("table", name="Events").locator("tbody tr")
     expect(rows.filter(has_text="AuditUpdateMethod").first).to_be_visible()
+
+
+@pytest.mark.parametrize("expected_complaints", [["503", "502"]])
+def test_while_the_server_is_away_no_alarm_is_shown_as_active(open_page: Open, fleet: Fleet, picture: Picture) -> None:
+    page, other = open_page("operator", PLACE), open_page("operator", f"{PLACE}?q=nothing")
+    ask(page, "fault.raise", robot="left", reason=REASON)
+    left = alarm(page, "left")
+    expect(left.get_by_text("Active", exact=True)).to_be_visible()
+    expect(other.get_by_text("No alarm matches.")).to_be_visible()
+    fleet.server.end()
+    expect(left).to_contain_text("Was Active")
+    expect(page.get_by_role("main").get_by_text("Active", exact=True)).to_have_count(0)
+    expect(left.get_by_role("button", name="Acknowledge…")).to_have_attribute("title", "The server is not reachable.")
+    expect(other.get_by_role("main")).to_contain_text("What is shown is not current.")
+    picture(page, "alarms-away")
+    fleet.server = fleet.plant.server_process()
+    expect(left.get_by_text("Active", exact=True)).to_be_visible(timeout=30_000)
+    left.get_by_role("button", name="Comment…").click()
+    page.keyboard.type("a new tip is on its way")
+    page.keyboard.press("Enter")
+    expect(left).to_contain_text("a new tip is on its way")
+    left.get_by_role("button", name="Acknowledge…").click()
+    page.keyboard.press("Enter")
+    expect(left.get_by_role("button", name="Acknowledge…")).to_have_count(0)
+    ask(page, "fault.clear", fault="left")
+    expect(left).to_have_count(0)

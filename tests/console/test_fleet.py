@@ -35,6 +35,17 @@ def test_each_robot_has_a_card(page: Page, picture: Callable[[Page, str], None])
     picture(page, "fleet-cards")
 
 
+def test_an_age_tells_its_time_to_who_points_at_it(page: Page) -> None:
+    """And to nobody else: a title that changes is a style of its own each second."""
+    age = card(page, "left").locator("time").first
+    expect(age).to_be_visible()
+    assert age.get_attribute("title") is None
+    age.hover()
+    expect(age).to_have_attribute("title", re.compile(r"\d\d:\d\d:\d\d\.\d{3}$"))
+    page.mouse.move(0, 0)
+    expect(age).not_to_have_attribute("title", re.compile(""))
+
+
 def test_a_robot_is_held_with_a_reason_and_released(
     page: Page, open_page: Open, picture: Callable[[Page, str], None]
 ) -> None:

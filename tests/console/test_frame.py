@@ -48,6 +48,7 @@ def test_while_the_server_is_away_nothing_is_shown_as_live(page: Page, fleet: Fl
     expect(banner(page, "No link to Hall 1.")).to_contain_text("What is shown is not current.", timeout=WAIT_MS)
     for robot in ("left", "middle", "right"):
         expect(card(page, robot)).to_contain_text("Was Idle")
+    expect(page.get_by_role("button", name="Idle 3")).to_have_class(re.compile(r"\bwas\b"))
     picture(page, "frame-server-away")
     card(page, "left").get_by_role("button", name="Actions for left").click()
     expect(page.get_by_role("menuitem", name="Hold…")).to_have_attribute("aria-disabled", "true")

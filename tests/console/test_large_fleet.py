@@ -78,3 +78,16 @@ def test_a_thousand_rows_scroll_in_their_groups(open_page: Callable[..., Page]) 
     page.mouse.wheel(0, 1_000_000)
     expect(table.get_by_role("button", name="Actions for robot999", exact=True)).to_be_in_viewport()
     assert table.get_by_role("row").count() < 100
+
+
+def test_a_menu_stays_open_whose_button_was_scrolled_into_sight(page: Page) -> None:
+    """A browser tells of that scrolling a frame later, when the menu is open. One that moves the button closes it."""
+    robots = page.get_by_role("group", name="Fleet", exact=True)
+    expect(page.get_by_role("button", name=f"All {ROBOTS}")).to_be_visible(timeout=30_000)
+    expect(page.get_by_role("article").first).to_be_visible()
+    robots.evaluate("list => { list.scrollTop = 40; list.querySelectorAll('article button')[8].click(); }")
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    expect(page.get_by_role("menuitem", name="Hold…")).to_be_visible()
+    page.mouse.move(700, 400)
+    page.mouse.wheel(0, 40)
+    expect(page.get_by_role("menuitem")).to_have_count(0)

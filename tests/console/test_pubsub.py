@@ -15,7 +15,7 @@ PLACE = "#/hall/pubsub"
 
 
 def messages(page: Page) -> Locator:
-    return page.get_by_role("table", name="Messages").locator("tbody tr[data-at]")
+    return page.get_by_role("table", name="Messages").locator("tbody tr[aria-rowindex]")
 
 
 def test_bridges_and_drops(open_page: Open, picture: Picture) -> None:

@@ -22,7 +22,7 @@ PLACE: Final = "#/hall/resilience"
 STEPS: Final = f"  - {{task: a, skill: work, robot: left, arguments: {{work: {ENDLESS_WORK}}}, timeout_s: 60}}\n"
 
 
-def _with_criteria(plant: Plant) -> None:
+def with_criteria(plant: Plant) -> None:
     """Two criteria by which the robots differ: `middle` has less battery and less to carry than `right`."""
     path = plant.folder / "fleet.json"
     raw: dict[str, Any] = json.loads(path.read_text())
@@ -44,7 +44,7 @@ def _with_criteria(plant: Plant) -> None:
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
-    with fleet_of(tmp_path_factory.mktemp("fleet"), _with_criteria) as running:
+    with fleet_of(tmp_path_factory.mktemp("fleet"), with_criteria) as running:
         yield running
 
 
@@ -87,6 +87,9 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     # One unit is the criterion's own, the other one that of the robots' values.
     best = page.get_by_role("region", name="Ranking").locator("tbody tr").first
     expect(best).to_contain_text(re.compile(r"50\s+%\s*worth .*5\s+kg\s*worth ", re.DOTALL))
+    others = page.get_by_role("region", name="Ranking").locator("dl")
+    expect(others.locator("dt")).to_have_text(["left"])
+    expect(others.locator("dd")).to_contain_text("the welding tip is worn")
     observer = open_page("observer", PLACE)
     expect(observer.get_by_role("button", name="Choose right")).to_be_disabled()
 
@@ -116,10 +119,25 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     picture(page, "resilience-taken")
 
 
+def test_a_person_ends_the_run_in_place_of_choosing(open_page: Open, picture: Picture) -> None:
+    page = open_page("operator", PLACE)
+    ask(page, "fault.raise", robot="left", reason="the welding tip is worn")
+    ask(page, "scenario.run", scenario="long")
+    page.get_by_role("button", name="Abort the run…").click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_role("button", name="Abort the run", exact=True).click()
+    expect(dialog.get_by_label("Reason")).to_be_focused()
+    dialog.get_by_label("Reason").fill("<b>enough</b>")
+    picture(page, "resilience-abort")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("status").filter(has_text="The run is aborted.")).to_be_visible()
+    expect(page.get_by_text("No decision is open.")).to_be_visible()
+
+
 def test_an_engineer_says_who_decides(open_page: Open) -> None:
     page = open_page("engineer", PLACE)
     who = page.get_by_role("region", name="Who decides")
-    expect(who).to_contain_text("A person chooses. After 1 min")
+    expect(who).to_contain_text("A person chooses. After 10 min")
     who.get_by_role("button", name="Change…").click()
     page.get_by_role("dialog").get_by_label("Who decides").select_option("The server takes the best.")
     page.keyboard.press("Enter")

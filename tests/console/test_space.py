@@ -7,8 +7,12 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from tests.console.conftest import Fleet
+
 Open = Callable[..., Page]
 PLACE = "#/hall/space"
+GO_ON = "ns=2;i=1300"
+"""Of the robot left; clients write it."""
 
 
 def item(page: Page, name: str) -> Locator:
@@ -58,6 +62,29 @@ def test_what_is_not_there_is_said(open_page: Open, picture: Callable[[Page, str
     picture(page, "space-not-there")
 
 
+def test_a_value_is_written_and_looks_old_while_the_server_is_away(
+    fleet: Fleet, open_page: Open, picture: Callable[[Page, str], None]
+) -> None:
+    page = open_page("operator", f'{PLACE}?node={GO_ON}&watch=["{GO_ON}"]')
+    node = page.get_by_role("region", name="Node", exact=True)
+    row = page.get_by_role("region", name="Watched values").first.get_by_role("row", name=GO_ON)
+    for wrong in ("many", "2.5"):
+        node.get_by_label("New value").fill(wrong)
+        page.keyboard.press("Enter")
+        expect(node.get_by_label("New value")).to_have_attribute("aria-invalid", "true")
+    node.get_by_label("New value").fill("7")
+    node.get_by_role("button", name="Write").click()
+    expect(row).to_contain_text("7")
+    expect(row.get_by_role("cell", name="Good", exact=True)).to_be_visible()
+    fleet.server.end()
+    expect(row).to_contain_text("Was Good")
+    expect(page.get_by_role("main").get_by_text("Good", exact=True)).to_have_count(0)
+    expect(node.get_by_role("button", name="Write")).to_have_attribute("aria-disabled", "true")
+    picture(page, "space-away")
+    fleet.server = fleet.plant.server_process()
+    expect(row.get_by_role("cell", name="Good", exact=True)).to_be_visible(timeout=30_000)
+
+
 @pytest.fixture
 def expected_complaints() -> list[str]:
-    return ["404", "400"]
+    return ["404", "400", "502", "503"]

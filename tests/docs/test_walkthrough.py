@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests import system
-from tests.docs.walkthrough import KINDS, PASSWORD, Walk, blocks_without_mark, missing_line, steps
+from tests.docs.walkthrough import KINDS, PASSWORD, Walk, blocks_without_mark, missing_line, plain_commands, steps
 from tests.unit.docs.pages import ROOT
 
 PAGES = ROOT / "docs"
@@ -44,12 +44,34 @@ def test_a_walk_does_what_the_page_says(tmp_path: Path, processes: system.Proces
     assert (tmp_path / "word.txt").read_text(encoding="utf-8") == f"{PASSWORD}\n"
 
 
+def test_commands_that_need_no_shell_are_run_as_a_shell_would(tmp_path: Path, processes: system.Processes) -> None:
+    (tmp_path / "say.py").write_text("import os, sys\nprint(os.getcwd(), sys.argv[1:], os.environ.get('WHO'))\n")
+    lines = "WHO='me and you' python say.py 'a b' c  # says it\n\npython say.py\npython gone.py\npython say.py never"
+    walk(tmp_path, processes, block("fails: 1", lines))
+    said = f"{tmp_path} ['a b', 'c'] me and you\n{tmp_path} [] None"
+    walk(tmp_path, processes, block("run", lines.partition("\npython gone")[0]) + block("shows", said))
+    walk(tmp_path, processes, block("run", "ua-fleet --version") + block("shows", "ua-fleet …"))
+    page = (
+        block("terminal: one, until: []", "python say.py") + block("watch", "python say.py x") + block("shows", "…x…")
+    )
+    walk(tmp_path, processes, page)
+
+
+@pytest.mark.parametrize(
+    "text", ["ua-fleet up & true", "python say.py $HOME", "ua-fleet read *", "ua-fleet up\ncat a", "# nothing"]
+)
+def test_what_needs_a_shell_gets_one(text: str) -> None:
+    assert plain_commands(text) is None
+
+
 @pytest.mark.parametrize(
     "page",
     [
         block("run", "false"),
         block("run", "false | cat"),
         block("fails: 2", "exit 1"),
+        block("run", "python -m nothing_that_there_is"),
+        block("run", "ua-fleet --version") + block("shows", "another"),
         block("run", "echo b; echo a") + block("shows", "a\nb"),
         block("terminal: talker, until: ready", "echo not yet"),
         block("shout", "hello"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,8 +35,10 @@ class Demonstration:
 
 
 @contextmanager
-def demonstration(processes: Processes, folder: Path, *options: str) -> Generator[Demonstration]:
-    """`ua-fleet demo talkrobots --once`, on ports, a group and domains of its own."""
+def demonstration(
+    processes: Processes, folder: Path, *options: str, pubsub_urls: Sequence[str] = ()
+) -> Generator[Demonstration]:
+    """`ua-fleet demo talkrobots --once`, on ports, a group (if not at these addresses) and domains of its own."""
     with ExitStack() as held:
         domains = [held.enter_context(ros_domain()) for _ in range(3)]
         command = [
@@ -44,7 +46,7 @@ def demonstration(processes: Processes, folder: Path, *options: str) -> Generato
             *("--json", str(folder / "report.json"), "--folder", str(folder / "run")),
             *("--port", str(free_tcp_port()), "--ros-master-port", str(free_tcp_port())),
             *("--console-port", str(free_tcp_port())),
-            *("--pubsub-url", free_multicast_url()),
+            *(word for url in pubsub_urls or [free_multicast_url()] for word in ("--pubsub-url", url)),
             *(word for domain in domains for word in ("--domain", str(domain))),
             *options,
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
 import time
@@ -12,10 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ua_demo.brokered import setting as brokered
 from ua_demo.processes import free_loopback_address
 from ua_demo.ros_environment import ros2_environment
 from ua_demo.talkrobots.setting import ACTORS, Actor, Kind
+from ua_demo.testbed.broker import CONFIGURATION
+from ua_demo.testbed.plan import BROKER, BROKER_PORT, TESTBEDS
 
+from tests.integration.mqtt.broker import Broker
 from tests.system import ROS1_PYTHON, Child, Processes, clean_environment, free_multicast_url, free_tcp_port, ros_domain
 
 UR_PORTS = (29999, *range(30001, 30006))
@@ -40,19 +45,23 @@ class Testbed:
             UA_FLEET_ENDPOINT=self.endpoint,
             UA_FLEET__SERVER__HOST="127.0.0.1",
             UA_FLEET__SERVER__PORT=str(port),
-            UA_FLEET__PUBSUB__INTERFACE="lo",
-            UA_FLEET__PUBSUB__URL=free_multicast_url(),
-            UA_FLEET__PUBSUB__KEYS__ENDPOINT=self.endpoint,
             UA_FLEET__MONITORING__PORT="0",
         )
+        if not TESTBEDS[name].has_broker:  # the environment reaches into no list
+            self.environment |= {
+                "UA_FLEET__PUBSUB__INTERFACE": "lo",
+                "UA_FLEET__PUBSUB__URL": free_multicast_url(),
+                "UA_FLEET__PUBSUB__KEYS__ENDPOINT": self.endpoint,
+            }
 
     def place(self, bridge: str, **values: object) -> None:
         """Give keys of a bridge another value."""
         prefix = f"UA_FLEET__BRIDGES__{bridge.upper()}__"
         self.environment |= {prefix + key.upper(): str(value) for key, value in values.items()}
 
-    def ua_fleet(self, *words: str, python: Path = Path(sys.executable)) -> Child:
-        return self.processes.start(python, "-m", "ua_fleet.cli", *words, env=self.environment)
+    def ua_fleet(self, *words: str, python: Path = Path(sys.executable), process: str = "") -> Child:
+        environment = {**self.environment, **TESTBEDS[self.name].environment(process)}
+        return self.processes.start(python, "-m", "ua_fleet.cli", *words, env=environment)
 
     def prepare(self) -> None:
         job = self.ua_fleet("testbed", "prepare", self.name, "--folder", str(self.folder))
@@ -62,12 +71,12 @@ class Testbed:
         return ("--traffic-log", str(self.folder / "traffic" / f"{name}.jsonl"))
 
     def server(self) -> Child:
-        server = self.ua_fleet("serve", *self.traffic("server"))
+        server = self.ua_fleet("serve", *self.traffic("server"), process="server")
         server.wait_for("ready: ", timeout_s=WAIT_S)
         return server
 
     def conductor(self) -> Child:
-        return self.ua_fleet("testbed", "run", self.name, "--folder", str(self.folder))
+        return self.ua_fleet("testbed", "run", self.name, "--folder", str(self.folder), process="operator")
 
     @property
     def result(self) -> Path:
@@ -202,3 +211,58 @@ def test_a_line_that_goes_on_without_the_server_is_followed_from_what_robots_rep
     reporter(tmp_path, time.time() + 0.1, 10)(0, "ned", "starts", covers=4)
     again.wait_for("0.00 s  ned starts", timeout_s=WAIT_S)
     assert not any("takes a cover" in line for line in again.lines)
+
+
+@contextmanager
+def two_halls(processes: Processes, folder: Path) -> Generator[Testbed]:
+    """All processes of the testbed brokered but its conductor, with its broker on loopback."""
+    testbed = Testbed(processes, folder, "brokered", speed=20)
+    testbed.prepare()
+    ports = {name: free_tcp_port() for name in (BROKER, *brokered.ACTORS)}
+    file = folder / "fleet" / "fleet.yaml"
+    text = file.read_text()
+    for there, here in {
+        "interface: 10.214.84.0/26": "interface: lo",
+        "opc.udp://224.0.2.14:4840": free_multicast_url(),
+        f"mqtts://{BROKER}:{BROKER_PORT}": f"mqtts://localhost:{ports[BROKER]}",
+        f"host: belt, port: {brokered.BELT_PORT}": f"host: 127.0.0.1, port: {ports['belt']}",
+        f"quadcopter:{brokered.QUADCOPTER_PORT}": f"127.0.0.1:{ports['quadcopter']}",
+    }.items():
+        assert there in text
+        text = text.replace(there, here)
+    file.write_text(text)
+    settings = (folder / BROKER / CONFIGURATION).read_text()
+    (folder / "own.conf").write_text(
+        settings.replace(f"listener {BROKER_PORT}", f"listener {ports[BROKER]} 127.0.0.1")
+        + ("user root\n" if os.geteuid() == 0 else "")
+    )
+    broker = Broker(["mosquitto", "-c", folder / "own.conf"], ports[BROKER], folder / "mosquitto.log")
+    broker.start()
+    try:
+        for name, actor in brokered.ACTORS.items():
+            arguments = actor.arguments(space=0, host="127.0.0.1", place=str(ports[name]), speed=testbed.speed)
+            processes.start(sys.executable, *arguments, env=testbed.environment)
+        for bridge in TESTBEDS["brokered"].bridges:
+            testbed.ua_fleet("bridge", bridge, *testbed.traffic(bridge), process=bridge)
+        yield testbed
+    finally:
+        broker.end()
+
+
+@pytest.mark.needs("mosquitto")
+def test_flights_behind_a_broker_that_the_job_has_made(processes: Processes, tmp_path: Path) -> None:
+    with two_halls(processes, tmp_path) as testbed:
+        testbed.server()
+        conductor = testbed.conductor()
+        report = testbed.wait_for_result(conductor, 90)
+        assert {row["task"]: (row["robot"], row["state"]) for row in report["tasks"]} == {
+            "take_off": ("quadcopter", "done"),
+            "forth": ("belt", "done"),
+            "land": ("quadcopter", "done"),
+            "back": ("belt", "done"),
+        }
+        conductor.wait_for("4 of 4 tasks were done in ", timeout_s=WAIT_S)
+        said = (tmp_path / "mosquitto.log").read_text()
+        assert "u'server'" in said
+        assert "u'yard_side'" in said
+        assert "hall_side" not in said, "it is not at the broker"

@@ -28,6 +28,11 @@ from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.topics import Topic
+from ua_fleet.transport.base import Transport
+from ua_fleet.transport.mqtt.address import is_broker_url
+from ua_fleet.transport.mqtt.topics import TopicTree
+from ua_fleet.transport.mqtt.transport import MqttTransport
+from ua_fleet.transport.party import tool_party
 from ua_fleet.transport.udp import UdpTransport
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire import Codec
@@ -37,7 +42,7 @@ TIMING: Final = PubSubTiming(1.0, 3.0, 5.0)
 
 
 class Peer:
-    """All that comes over a multicast group, seen from one space."""
+    """All that comes over a multicast group or a broker, seen from one space."""
 
     def __init__(
         self,
@@ -51,7 +56,12 @@ class Peer:
         self.datagrams: list[bytes] = []
         """All that came over the network, as it came."""
         self._envelope = envelope(self.counters) if envelope is not None else None
-        self._transport = UdpTransport(url, "lo", ttl=1, receive_buffer_bytes=1 << 22)
+        self._transport: Transport
+        if is_broker_url(url):
+            brokered = self._transport = MqttTransport(url, TopicTree())
+            brokered.speak_for(tool_party(self._receive_kept))
+        else:
+            self._transport = UdpTransport(url, "lo", ttl=1, receive_buffer_bytes=1 << 22)
         codec = Codec()
         self._publisher = Publisher(space, timing, self.counters, codec)
         self._subscriber = Subscriber(space, timing, self.counters, codec, envelope=self._envelope)
@@ -64,6 +74,9 @@ class Peer:
     def _receive(self, datagram: bytes, _sender: Any) -> None:
         self.datagrams.append(datagram)
         self._take(self._subscriber.receive(datagram, self._now()))
+
+    def _receive_kept(self, datagram: bytes, _sender: Any) -> None:
+        self._take(self._subscriber.receive(datagram, self._now(), is_fresh=False))
 
     def _take(self, events: list[SubscriberEvent]) -> None:
         for event in events:

@@ -16,20 +16,15 @@ from ua_fleet.bridge.runner import run_bridge
 from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.config.load import load
 from ua_fleet.config.teleoperation import setpoint_heads
+from ua_fleet.config.transports import open_transport
 from ua_fleet.errors import UaFleetError
-from ua_fleet.transport.udp import UdpTransport
 
 
 async def main(path: str, name: str) -> int:
     config = load(path, {}, allow_missing_ids=True)
-    pubsub = config.pubsub
-    transport = UdpTransport(
-        pubsub.url,
-        pubsub.interface,
-        ttl=pubsub.ttl,
-        receive_buffer_bytes=pubsub.receive_buffer_bytes,
-        hears_itself=False,
-        urgent_heads=setpoint_heads(config, config.bridges[name].space),
+    space = config.bridges[name].space
+    transport = open_transport(
+        config, Path(path).parent, space=space, hears_itself=False, urgent_heads=setpoint_heads(config, space)
     )
     state_dir = Path(path).parent / config.state_dir_of(name)
 

@@ -84,9 +84,8 @@ async function watchEvents(session, events, timeoutMs) {
   return { seen, end: () => subscription.terminate() };
 }
 
-// Connects encrypted, as the program's arguments say: endpoint URL, user, password, folder for its certificates.
-async function withSession(work) {
-  const [endpointUrl, userName, password, folder] = process.argv.slice(2);
+// Has a session over an encrypted connection. `identity` is who logs in, `options` are further ones of the client.
+async function inSession(endpointUrl, folder, identity, options, work) {
   const clientCertificateManager = new OPCUACertificateManager({
     rootFolder: folder,
     automaticallyAcceptUnknownCertificate: true,
@@ -98,10 +97,10 @@ async function withSession(work) {
     connectionStrategy: { maxRetry: 1, initialDelay: 100 },
     endpointMustExist: true,
     securityMode: MessageSecurityMode.SignAndEncrypt,
-    securityPolicy: SecurityPolicy.Basic256Sha256,
+    ...options,
   });
   await client.connect(endpointUrl);
-  const session = await client.createSession({ type: UserTokenType.UserName, userName, password });
+  const session = await client.createSession(identity);
   try {
     await work(session);
   } finally {
@@ -111,11 +110,17 @@ async function withSession(work) {
   await clientCertificateManager.dispose();
 }
 
-// Runs a program that makes a report, and prints it as one JSON object.
-function report(work) {
-  const made = { events: [] };
-  withSession((session) => work(session, made)).then(
-    () => {
+// The same as the program's arguments say: endpoint URL, user, password, folder for its certificates.
+function withSession(work) {
+  const [endpointUrl, userName, password, folder] = process.argv.slice(2);
+  const identity = { type: UserTokenType.UserName, userName, password };
+  return inSession(endpointUrl, folder, identity, { securityPolicy: SecurityPolicy.Basic256Sha256 }, work);
+}
+
+// Ends the program with what was made, as one JSON object, or with the error.
+function ended(work) {
+  work.then(
+    (made) => {
       console.log(JSON.stringify(made));
       process.exit(0);
     },
@@ -126,8 +131,14 @@ function report(work) {
   );
 }
 
+// Runs a program that makes a report, and prints it.
+function report(work) {
+  const made = { events: [] };
+  ended(withSession((session) => work(session, made)).then(() => made));
+}
+
 async function readValue(session, nodeId) {
   return (await session.read({ nodeId, attributeId: AttributeIds.Value })).value.value;
 }
 
-module.exports = { call, readValue, report, text, texts, watchEvents };
+module.exports = { call, ended, inSession, readValue, report, text, texts, watchEvents };

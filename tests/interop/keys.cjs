@@ -6,40 +6,27 @@
 const fs = require("node:fs");
 const {
   DataType,
-  MessageSecurityMode,
-  OPCUAClient,
   SecurityPolicy,
   UserTokenType,
   VariantArrayType,
 } = require("node-opcua-client");
-const { OPCUACertificateManager } = require("node-opcua-certificate-manager");
+const { ended, inSession } = require("./foreign.cjs");
 
 const [endpointUrl, applicationUri, certificateFile, privateKeyFile, folder, ...groups] = process.argv.slice(2);
 
 async function main() {
-  const clientCertificateManager = new OPCUACertificateManager({
-    rootFolder: folder,
-    automaticallyAcceptUnknownCertificate: true,
-  });
-  await clientCertificateManager.initialize();
-  const client = OPCUAClient.create({
-    applicationName: "foreign",
-    applicationUri,
-    certificateFile,
-    privateKeyFile,
-    clientCertificateManager,
-    connectionStrategy: { maxRetry: 1, initialDelay: 100 },
-    endpointMustExist: true,
-    securityMode: MessageSecurityMode.SignAndEncrypt,
-    securityPolicy: SecurityPolicy.Aes256_Sha256_RsaPss,
-  });
-  await client.connect(endpointUrl);
   const pem = fs.readFileSync(certificateFile, "latin1");
   const certificateData = Buffer.from(pem.replace(/-----[^-]+-----|\s/g, ""), "base64");
   const privateKey = fs.readFileSync(privateKeyFile, "utf8");
-  const session = await client.createSession({ type: UserTokenType.Certificate, certificateData, privateKey });
+  const identity = { type: UserTokenType.Certificate, certificateData, privateKey };
+  const options = {
+    applicationUri,
+    certificateFile,
+    privateKeyFile,
+    securityPolicy: SecurityPolicy.Aes256_Sha256_RsaPss,
+  };
   const report = {};
-  try {
+  await inSession(endpointUrl, folder, identity, options, async (session) => {
     for (const group of groups) {
       const result = await session.call({
         objectId: "i=14443",
@@ -59,18 +46,8 @@ async function main() {
         ),
       };
     }
-  } finally {
-    await session.close();
-    await client.disconnect();
-  }
-  await clientCertificateManager.dispose();
-  console.log(JSON.stringify(report));
+  });
+  return report;
 }
 
-main().then(
-  () => process.exit(0),
-  (error) => {
-    console.error(error.stack);
-    process.exit(1);
-  },
-);
+ended(main());

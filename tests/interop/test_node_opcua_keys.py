@@ -12,12 +12,17 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from tests import system
-from tests.integration.key_service.harness import Cards, desk
+from tests.integration.key_service.harness import PASSWORDS, Cards, desk
+from tests.unit.server.key_service.fleet import fleet
+from ua_fleet.wire.security import SecurityPolicy
 
 CLIENT = Path(__file__).parent / "keys.cjs"
+PUSHING = Path(__file__).parent / "push.cjs"
 
 
-async def run_client(url: str, cards: Cards, card: str, folder: Path, *groups: str) -> tuple[int, str, str]:
+async def run_client(
+    url: str, cards: Cards, card: str, folder: Path, *arguments: str, program: Path = CLIENT
+) -> tuple[int, str, str]:
     """Run the foreign client to its end."""
     files = cards.get(card)
     pem = folder / f"{card}.pem"
@@ -25,13 +30,13 @@ async def run_client(url: str, cards: Cards, card: str, folder: Path, *groups: s
     pem.write_bytes(x509.load_der_x509_certificate(files.certificate.read_bytes()).public_bytes(Encoding.PEM))
     process = await asyncio.create_subprocess_exec(
         "node",
-        str(CLIENT),
+        str(program),
         url,
         cards.uri(card),
         str(pem),
         str(files.private_key),
         str(folder / "pki"),
-        *groups,
+        *arguments,
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
@@ -66,6 +71,32 @@ async def test_foreign_client_fetches_keys(tmp_path: Path) -> None:
             assert 0 < time_to_next_ms <= lifetime_ms == 3_600_000
         assert report["c-300"]["status"] == "BadUserAccessDenied"
         assert report["t-9"]["status"] == "BadNotFound"
+
+
+@pytest.mark.needs("node")
+async def test_foreign_key_service_pushes_keys(tmp_path: Path) -> None:
+    cards = Cards(tmp_path)
+    config = fleet(keys={"source": "pushed", "pushed_by": "olga"})
+    policy = SecurityPolicy.AES256_CTR
+    keys = tuple([bytes([number]) * policy.key_data_bytes for number in (1, 2, 3)])
+    hexadecimal = ",".join(key.hex() for key in keys)
+    async with desk(tmp_path / "desk", cards, config=config) as made:
+
+        async def push(user: str, policy_uri: str, *groups: str) -> dict[str, str]:
+            arguments = (user, PASSWORDS[user], policy_uri, hexadecimal, *groups)
+            code, output, errors = await run_client(
+                made.url, cards, "visitor", tmp_path / "visitor", *arguments, program=PUSHING
+            )
+            assert code == 0, errors
+            report: dict[str, str] = json.loads(output.splitlines()[-1])
+            return report
+
+        assert await push("eva", policy.value, "t-2") == {"t-2": "BadUserAccessDenied"}
+        assert await push("olga", SecurityPolicy.AES128_CTR.value, "t-2") == {"t-2": "BadSecurityPolicyRejected"}
+        assert await push("olga", policy.value, "t-2", "t-9") == {"t-2": "Good", "t-9": "BadNotFound"}
+        taken = made.service.keys_for_space(0, "t-2", 0, 5)
+        assert (taken.policy, taken.first_token_id, taken.keys, taken.key_lifetime_s) == (policy, 5, keys, 100.0)
+        assert 0 < taken.time_to_next_key_s <= 40.0
 
 
 @pytest.mark.needs("node")

@@ -61,7 +61,7 @@ class Bed:
     def build(self) -> None:
         """Build all images, as a user does."""
         begun = time.monotonic()
-        self.compose("talkrobots")("build", timeout_s=_BUILD_S)
+        self.compose("talkrobots,brokered")("build", timeout_s=_BUILD_S)
         say(f"images built in {time.monotonic() - begun:.0f} s")
 
     @contextmanager

@@ -23,12 +23,12 @@ _CLIENT: Final = ROOT / "tests" / "interop" / "testbed.cjs"
 _PATIENCE_S: Final = 60.0
 
 
-def trust(compose: Compose, certificate: bytes) -> None:
-    """Have the server trust a client by its certificate, which is brought into the container."""
-    server = compose.container("server")
+def trust(compose: Compose, certificate: bytes, service: str = "server") -> None:
+    """Have the server (its service) trust a client by its certificate, which is brought into the container."""
+    server = compose.container(service)
     program = "import sys, base64, pathlib; pathlib.Path(sys.argv[1]).write_bytes(base64.b64decode(sys.argv[2]))"
     server.python(program, "/tmp/client.der", base64.b64encode(certificate).decode())
-    compose("exec", "-T", "server", "ua-fleet", "cert", "trust", "/tmp/client.der")
+    compose("exec", "-T", service, "ua-fleet", "cert", "trust", "/tmp/client.der")
 
 
 def foreign_client(bed: Bed, compose: Compose) -> list[str]:

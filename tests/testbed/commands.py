@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from tests.testbed.ledger import Command, Outcome
@@ -24,26 +24,12 @@ from ua_fleet.errors import (
 from ua_fleet.skill.executions import ExecutionState
 from ua_fleet.values import Quality, quality_of
 
-__all__ = ["ASKED", "Commands"]
+__all__ = ["Arguments", "Asked", "Commands"]
 
 Arguments = Callable[[int], Mapping[str, Any]]
 """Of the n-th time that a skill is asked for."""
-
-ASKED: Final[dict[str, list[tuple[str, Arguments]]]] = {
-    # Where it stands already, a drive takes no time.
-    "ridgeback": [
-        ("fetch", lambda _: {"table": "table", "to": "table"}),
-        ("go", lambda _: {"to": "table"}),
-        ("load", lambda _: {}),
-    ],
-    "ur3": [("pick", lambda count: {"angle": count % 120 - 60.0})],
-    "pioneer_1": [("go", lambda _: {"to": "table"})],
-    "pioneer_2": [("go", lambda _: {"to": "table"})],
-    "drone": [("take_off", lambda _: {}), ("land", lambda _: {})],
-    # A distance for each, by which the PLC's word is told from others.
-    "conveyor": [("transport", lambda count: {"distance": 10 + count % 300})],
-}
-"""What is asked of each robot in turn; each takes about a second, ten times faster than in the paper."""
+Asked = Mapping[str, Sequence[tuple[str, Arguments]]]
+"""What is asked of each robot in turn."""
 
 PAUSE_S: Final = 1.0
 """Between two commands of a robot, so that two a second are asked of all of them."""
@@ -62,9 +48,9 @@ _ENDS: Final = {
 class Commands:
     """The commands of one run. `run` asks while `begin` has been called and `stop` has not."""
 
-    def __init__(self, watcher: Watcher, config: FleetConfig) -> None:
-        """Prepare to ask all robots of ASKED."""
-        self._watcher, self._config = watcher, config
+    def __init__(self, watcher: Watcher, config: FleetConfig, asked: Asked) -> None:
+        """Prepare to ask all robots of `asked`."""
+        self._watcher, self._config, self._asked = watcher, config, asked
         self.all: list[Command] = []
         self._go = asyncio.Event()
         self._busy = 0
@@ -91,12 +77,19 @@ class Commands:
             for command in self.all
             if command.robot == robot and command.asked_at >= since and command.outcome is Outcome.DONE
         }
-        return [skill for skill, _ in ASKED.get(robot, ()) if skill not in done]
+        return [skill for skill, _ in self._asked.get(robot, ()) if skill not in done]
+
+    def done_between(self, robot: str, since: float, until: float) -> int:
+        """How many commands of a robot were asked for and done in a time."""
+        return sum(
+            command.robot == robot and since <= command.asked_at < until and command.outcome is Outcome.DONE
+            for command in self.all
+        )
 
     async def run(self) -> None:
         """Work until cancelled."""
         async with asyncio.TaskGroup() as tasks:
-            for robot in ASKED:
+            for robot in self._asked:
                 tasks.create_task(self._ask_on(robot, tasks))
             tasks.create_task(self._look_on())
 
@@ -105,7 +98,7 @@ class Commands:
         while True:
             await self._go.wait()
             client = await self._watcher.connected()
-            skill, arguments = ASKED[robot][count % len(ASKED[robot])]
+            skill, arguments = self._asked[robot][count % len(self._asked[robot])]
             self._busy += 1
             try:
                 await self._ask(client, robot, skill, arguments(count), tasks)
@@ -117,7 +110,8 @@ class Commands:
     async def _ask(
         self, client: FleetClient, robot: str, skill: str, arguments: Mapping[str, Any], tasks: asyncio.TaskGroup
     ) -> None:
-        command = Command(robot, skill, time.time())
+        within_s = self._config.robots[robot].skills[skill].timeout_s
+        command = Command(robot, skill, time.time(), within_s=within_s)
         self.all.append(command)
         try:
             execution = await client.start_skill(robot, skill, **arguments)

@@ -1,4 +1,4 @@
-"""What is done to containers: killed, paused, or cut from their networks."""
+"""What is done to containers: killed, paused, cut from their networks, stopped, or robbed of what they have kept."""
 
 from __future__ import annotations
 
@@ -10,13 +10,21 @@ from typing import Any, Final
 
 from tests.testbed.engine import CommandFailed, Container, docker
 
-__all__ = ["ABSENCE_S", "CONDUCTOR", "GATEWAY", "KINDS", "Deed", "Kind", "disturbance"]
+__all__ = ["ABSENCE_S", "ALWAYS", "Deed", "Kind", "disturbance"]
 
 ABSENCE_S: Final = 10.0
 """How long a container is paused, or cut off."""
 
 # `docker kill` counts as a manual stop, after which the engine starts nothing: the process is killed from inside.
 _KILL: Final = "import os, signal; os.kill(-1, signal.SIGKILL)"
+# One that finds nothing there would prove nothing.
+_FORGET: Final = """
+import pathlib, sys
+kept = list(pathlib.Path(sys.argv[1]).iterdir())
+for file in kept:
+    file.unlink()
+sys.exit(not kept)
+"""
 _STARTS_WITHIN_S: Final = 30.0
 
 
@@ -26,6 +34,12 @@ class Deed(StrEnum):
     KILL = "killed"
     PAUSE = "paused"
     CUT = "cut off"
+    STOP = "stopped"
+    FORGET = "robbed of its state"
+
+
+ALWAYS: Final = (Deed.KILL, Deed.PAUSE, Deed.CUT)
+"""What is done to every kind."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,32 +52,13 @@ class Kind:
     """Whose skills have to work again."""
     also: tuple[str, ...] = ()
     """Other services whose health check has to pass."""
-
-
-GATEWAY: Final = "plc-gateway"
-"""Modbus clients on this machine have to reach it again."""
-CONDUCTOR: Final = "tasks"
-"""It has to be connected to the server again."""
-ALL_ROBOTS: Final = ("ridgeback", "ur3", "pioneer_1", "pioneer_2", "drone", "conveyor", "temperature_sensor")
-
-KINDS: Final = (
-    Kind("OPC UA server", "server", ALL_ROBOTS, (GATEWAY, CONDUCTOR)),
-    Kind("ROS master", "rosmaster", ("ridgeback",), ("ridgeback-bridge",)),
-    Kind("ROS 1 bridge", "ridgeback-bridge", ("ridgeback",)),
-    Kind("ROS 2 bridge", "pioneer-1-bridge", ("pioneer_1",)),
-    Kind("UR bridge", "ur3-bridge", ("ur3",)),
-    Kind("Modbus bridge", "conveyor-bridge", ("conveyor",)),
-    Kind("TCP bridge", "drone-bridge", ("drone",)),
-    Kind("bridge of a plugged-in device", "temperature-sensor-bridge", ("temperature_sensor",)),
-    Kind("Modbus server", GATEWAY),
-    Kind("web console", "console"),
-    Kind("conductor", CONDUCTOR),
-    Kind("ROS 1 robot", "ridgeback", ("ridgeback",), ("ridgeback-bridge",)),
-    Kind("ROS 2 robot", "pioneer-1", ("pioneer_1",), ("pioneer-1-bridge",)),
-    Kind("UR controller", "ur3", ("ur3",), ("ur3-bridge",)),
-    Kind("PLC", "conveyor", ("conveyor",), ("conveyor-bridge",)),
-    Kind("TCP robot", "drone", ("drone",), ("drone-bridge",)),
-)
+    deeds: tuple[Deed, ...] = ALWAYS
+    silenced: tuple[str, ...] = ()
+    """Robots of which no value may be Good at the end of an absence."""
+    spared: tuple[str, ...] = ()
+    """Robots whose values stay Good, and which are asked and work on meanwhile."""
+    state: str = ""
+    """Folder of what it keeps, for Deed.FORGET."""
 
 
 class Killed:
@@ -133,8 +128,28 @@ class Cut:
             docker("network", "connect", "--ip", address, *aliases, network, self._id)
 
 
-def disturbance(deed: Deed, container: Container) -> Killed | Paused | Cut:
-    """A deed that can be begun and ended."""
+class Stopped:
+    """It is asked to end, and started again by hand."""
+
+    def __init__(self, container: Container, forgotten: str = "") -> None:
+        """Of which container; what is in the folder `forgotten` is removed meanwhile."""
+        self._container, self._forgotten = container, forgotten
+
+    def begin(self) -> None:
+        """Stop it."""
+        docker("stop", "--time", "10", self._container.id)
+        if self._forgotten:
+            image = str(self._container.inspect()["Image"])
+            where = ("run", "--rm", "--network", "none", "--volumes-from", self._container.id)
+            docker(*where, image, "python3", "-c", _FORGET, self._forgotten)
+
+    def end(self) -> None:
+        """Start it."""
+        docker("start", self._container.id)
+
+
+def disturbance(deed: Deed, container: Container, state: str = "") -> Killed | Paused | Cut | Stopped:
+    """A deed that can be begun and ended; `state` is the folder of what the container keeps."""
     match deed:
         case Deed.KILL:
             return Killed(container)
@@ -142,3 +157,7 @@ def disturbance(deed: Deed, container: Container) -> Killed | Paused | Cut:
             return Paused(container)
         case Deed.CUT:
             return Cut(container)
+        case Deed.STOP:
+            return Stopped(container)
+        case Deed.FORGET:
+            return Stopped(container, state)

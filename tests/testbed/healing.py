@@ -11,26 +11,21 @@ from typing import Final
 
 from tests.testbed.clients import modbus_client
 from tests.testbed.commands import Commands
-from tests.testbed.disturb import ABSENCE_S, CONDUCTOR, GATEWAY, Deed, Kind, disturbance
+from tests.testbed.disturb import ABSENCE_S, Deed, Kind, disturbance
 from tests.testbed.engine import CommandFailed, Container
 from tests.testbed.ledger import Account, Command, account
-from tests.testbed.watching import Watcher
+from tests.testbed.scenes import GATEWAY, Scene
+from tests.testbed.watching import Watcher, state_of
 from tests.testbed.words import begun_in
 from ua_fleet.client import FleetClient
 from ua_fleet.errors import UaFleetError
+from ua_fleet.fleet.model import RobotState
 
 __all__ = ["LIMIT_S", "Healing", "Row", "settle"]
 
 LIMIT_S: Final = 60.0
 """Where healing takes longer, something needs help."""
 _LOOK_S: Final = 0.25
-_TELLING: Final = {
-    "ridgeback": ("ns=2;i=1020",),
-    "pioneer_1": ("ns=2;i=1220",),
-    "pioneer_2": ("ns=2;i=1320",),
-    "temperature_sensor": ("ns=2;i=1620",),
-}
-"""Nodes of values that robots tell all the time: there has to be one that was told after the disturbance."""
 _GAPS: Final = re.compile(r"^ua_fleet_sequence_gaps_total (\S+)", re.MULTILINE)
 _OF_SERVER: Final = ("without the server", "the server is back")
 """What the conductor says when the server goes, and when it comes."""
@@ -55,6 +50,8 @@ class Row:
     """What was not well at the limit."""
     gaps: int | None = None
     """DataSetMessages that the server has missed by their sequence numbers; None: its counters were lost with it."""
+    meanwhile: list[str] = field(default_factory=list[str])
+    """What was not as it has to be while it lasted."""
     account: Account = field(default_factory=Account)
     since: float = 0.0
     until: float = 0.0
@@ -64,17 +61,18 @@ class Healing:
     """Does disturbances, one after the other."""
 
     def __init__(
-        self, watcher: Watcher, commands: Commands, containers: dict[str, Container], modbus_port: int
+        self, scene: Scene, watcher: Watcher, commands: Commands, containers: dict[str, Container], modbus_port: int
     ) -> None:
         """Prepare.
 
         Args:
+            scene: what is up.
             watcher: a client that is connected.
             commands: which are asked for meanwhile.
             containers: of all services.
             modbus_port: of the Modbus server on this machine.
         """
-        self._watcher, self._commands, self._containers = watcher, commands, containers
+        self._scene, self._watcher, self._commands, self._containers = scene, watcher, commands, containers
         self._modbus_port = modbus_port
 
     async def disturb(self, kind: Kind, deed: Deed) -> Row:
@@ -83,14 +81,17 @@ class Healing:
         since = time.time()
         self._commands.begin()
         await asyncio.sleep(2.0)
-        act = await asyncio.to_thread(disturbance, deed, self._containers[kind.service])
+        act = await asyncio.to_thread(disturbance, deed, self._containers[kind.service], kind.state)
         begun = time.time()
         await asyncio.to_thread(act.begin)
         if deed is not Deed.KILL:
             await asyncio.sleep(max(0.0, begun + ABSENCE_S - time.time()))
+        silenced = () if deed is Deed.KILL else kind.silenced
+        meanwhile = await self._not_silenced(silenced)
         ended = begun if deed is Deed.KILL else time.time()
         await asyncio.to_thread(act.end)
         missing, healed_s = await self._until_well(kind, ended)
+        meanwhile += self._not_spared(kind, begun, ended)
         await self._commands.stop()
         gaps = await self._gaps()
         noticed = self._watcher.seen.noticed_after(begun)
@@ -102,9 +103,31 @@ class Healing:
             healed_s,
             missing,
             None if gaps is None or gaps_before is None or gaps < gaps_before else gaps - gaps_before,
+            meanwhile,
             since=since,
             until=time.time(),
         )
+
+    async def _not_silenced(self, robots: Sequence[str]) -> list[str]:
+        """What is still Good of robots that nobody hears, and which of them is not said to be away."""
+        found = [f"{address} was Good at the end of it" for address in self._watcher.seen.good_of(robots)]
+        if not robots:
+            return found
+        client = self._watcher.client
+        if client is None:
+            return [*found, "no connection at the end of it"]
+        readings = await client.read([state_of(robot) for robot in robots])
+        shown = zip(robots, readings, strict=True)
+        return found + [f"{robot} was not offline" for robot, read in shown if read.value != RobotState.OFFLINE]
+
+    def _not_spared(self, kind: Kind, begun: float, ended: float) -> list[str]:
+        """What has befallen robots that a disturbance does not concern, while it lasted."""
+        seen = self._watcher.seen
+        found = [f"{address} was {status}" for address, status in seen.troubles_of(kind.spared, begun, ended)]
+        if ended > begun:
+            idle = [robot for robot in kind.spared if not self._commands.done_between(robot, begun, ended)]
+            found += [f"{robot} did nothing meanwhile" for robot in idle]
+        return found
 
     async def _until_well(self, kind: Kind, since: float) -> tuple[list[str], float | None]:
         while True:
@@ -131,7 +154,7 @@ class Healing:
         if client is None:
             return ["no connection"]
         try:
-            old = await _not_told_since(client, kind.robots, since)
+            old = await self._not_told_since(client, kind.robots, since)
         except UaFleetError as error:
             return [str(error)]
         if old:
@@ -140,31 +163,31 @@ class Healing:
             *(asyncio.to_thread(_health_problem, self._containers[name]) for name in (kind.service, *kind.also))
         )
         found = [problem for problem in problems if problem]
-        if CONDUCTOR in (kind.service, *kind.also):
-            found += await asyncio.to_thread(_conductor_problem, self._containers[CONDUCTOR])
+        conductor = self._scene.conductor
+        if conductor in (kind.service, *kind.also):
+            found += await asyncio.to_thread(_conductor_problem, self._containers[conductor])
         if not found and GATEWAY in (kind.service, *kind.also):
             found += await asyncio.to_thread(modbus_client, self._modbus_port)
         return found
 
+    async def _not_told_since(self, client: FleetClient, robots: Sequence[str], since: float) -> list[str]:
+        addresses = [address for robot in robots for address in self._scene.telling.get(robot, ())]
+        if not addresses:
+            return []
+        readings = await client.read(addresses)
+        return [
+            f"nothing new at {reading.node_id}"
+            for reading in readings
+            if reading.source_time is None or reading.source_time.timestamp() <= since
+        ]
+
     async def _gaps(self) -> int | None:
         try:
-            text = await asyncio.to_thread(self._containers["server"].python, _METRICS)
+            text = await asyncio.to_thread(self._containers[self._scene.server].python, _METRICS)
         except CommandFailed:
             return None
         found = _GAPS.search(text)
         return None if found is None else int(float(found[1]))
-
-
-async def _not_told_since(client: FleetClient, robots: Sequence[str], since: float) -> list[str]:
-    addresses = [address for robot in robots for address in _TELLING.get(robot, ())]
-    if not addresses:
-        return []
-    readings = await client.read(addresses)
-    return [
-        f"nothing new at {reading.node_id}"
-        for reading in readings
-        if reading.source_time is None or reading.source_time.timestamp() <= since
-    ]
 
 
 def _health_problem(container: Container) -> str | None:
@@ -183,11 +206,11 @@ def _conductor_problem(container: Container) -> list[str]:
     return [f"{container.service}: {line}" for line in said[-1:] if line.startswith(_OF_SERVER[0])]
 
 
-def settle(rows: Sequence[Row], commands: Sequence[Command], containers: dict[str, Container]) -> None:
+def settle(scene: Scene, rows: Sequence[Row], commands: Sequence[Command], containers: dict[str, Container]) -> None:
     """Fill in what has become of the commands of each row, once nothing is under way any more."""
     if not rows:
         return
-    begun = begun_in(containers, rows[0].since, time.time())
+    begun = begun_in(containers, scene.conductor, scene.controllers, rows[0].since, time.time())
     for row in rows:
         row.account = account(
             [command for command in commands if row.since <= command.asked_at < row.until],

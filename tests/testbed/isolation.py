@@ -11,9 +11,10 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from tests.testbed.bed import Bed
+from tests.testbed.broker import broker_problems
 from tests.testbed.engine import CommandFailed, Container, docker
 
-__all__ = ["check_hardening", "check_isolation"]
+__all__ = ["check_hardening", "check_isolation", "check_yard"]
 
 ROBOTS: Final = {
     "ridgeback": "ridgeback-bridge",
@@ -28,6 +29,7 @@ _GROUP: Final = "224.0.2.14"
 _OPC_UA: Final = 4840
 _MONITORING: Final = 9464
 _CONSOLE: Final = 8080
+_BROKER: Final = 8883
 
 # Tries all ways that are given as JSON at once, and prints those that were open. What it says to the group is no
 # message: the server counts it as malformed where it gets there.
@@ -40,7 +42,7 @@ def connect(place):
     host, port = place
     try:
         with socket.create_connection((host, port), 2) as link:
-            if port in (9464, 8080):
+            if port in (9464, 8080, 8883):
                 return f"TCP {host}:{port}"
             url = b"opc.tcp://server:4840/"
             body = struct.pack("<IIIIII", 0, 65535, 65535, 0, 0, len(url)) + url
@@ -157,6 +159,36 @@ def check_isolation(bed: Bed, containers: Mapping[str, Container]) -> list[str]:
         if lacks:
             found.append(f"{bridge} does not reach {', '.join(lacks)}: what robots do not reach proves nothing")
     return found
+
+
+def check_yard(bed: Bed, containers: Mapping[str, Container]) -> list[str]:
+    """Which way leads from the yard to the server but the broker, and which does not lead there that has to."""
+    found: list[str] = []
+    network, server = bed.options["UA_FLEET_NET"], containers["server-brokered"]
+    in_the_hall = [f"{network}.{last}" for last in (4, 22, 35, 36)]
+    gateways = [f"{network}.{last}" for last in (1, 193, 225, 241)]
+    tcp = [(host, port) for host in ("server", *in_the_hall, *gateways) for port in (_OPC_UA, _MONITORING, _CONSOLE)]
+    tcp += [(host, bed.port) for host in gateways]
+    names = ["server", "server-brokered", "hall-side", "console-brokered", "flights"]
+    ways = {"tcp": tcp, "udp": [*in_the_hall, *gateways], "names": names, "group": _GROUP}
+    before = _malformed(server)
+    at_the_broker = {"tcp": [("broker", _BROKER), (f"{network}.5", _BROKER), (f"{network}.226", _BROKER)]}
+    found += [f"yard-side reaches {way}" for way in _try(containers["yard-side"], ways)]
+    found += [
+        f"quadcopter reaches {way}"
+        for way in _try(containers["quadcopter"], {**ways, "tcp": [*tcp, *at_the_broker["tcp"]]})
+    ]
+    if _malformed(server) != before:
+        found.append("the yard sends datagrams to the server")
+    known = {"tcp": [("server", _OPC_UA)], "udp": [], "names": ["server"], "group": _GROUP}
+    if len(reached := _try(containers["hall-side"], known)) != 3:  # its port, its name, and its messages
+        found.append(f"hall-side reaches {reached} alone: what the yard does not reach proves nothing")
+    reached = _try(containers["yard-side"], {**ways, "tcp": at_the_broker["tcp"], "udp": [], "names": ["broker"]})
+    if f"TCP broker:{_BROKER}" not in reached:
+        found.append("yard-side does not reach the broker")
+    if f"TCP {network}.5:{_BROKER}" in reached:
+        found.append("yard-side reaches the broker's address in the hall")
+    return [*found, *broker_problems(containers)]
 
 
 def _malformed(server: Container) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -37,6 +38,8 @@ class Command:
     outcome: Outcome = Outcome.UNANSWERED
     ended_at: float = 0.0
     message: str = ""
+    within_s: float = math.inf
+    """The robot does not begin later than this after it was asked: the skill's timeout."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +67,16 @@ class Account:
     """Accepted without an end, or told to be done though the robot never began it."""
     doubled: int = 0
     """Begun more than once."""
+    late: int = 0
+    """Begun when its time was over."""
 
     def __add__(self, other: Account) -> Account:
         """Both."""
         return Account(*(getattr(self, name) + getattr(other, name) for name in Account.__dataclass_fields__))
 
 
+CALL_S = 1.0
+"""From a client's call to the server's request, on a machine that is busy."""
 _SURELY_BEGUN = (Outcome.DONE,)
 _NEVER_BEGUN = (Outcome.REFUSED,)
 
@@ -82,7 +89,8 @@ def account(commands: Sequence[Command], begun: Iterable[Begun]) -> Account:
         begun: by all of them.
     """
     outcomes = Counter(command.outcome for command in commands)
-    told = Counter((one.robot, one.mark) for one in begun)
+    told_at = list(begun)
+    told = Counter((one.robot, one.mark) for one in told_at)
     robots = {command.robot for command in commands} | {robot for robot, _ in told}
     doubled = dict.fromkeys(robots, 0)
     unseen = 0
@@ -105,4 +113,24 @@ def account(commands: Sequence[Command], begun: Iterable[Begun]) -> Account:
         unanswered=outcomes[Outcome.UNANSWERED],
         lost=outcomes[Outcome.OPEN] + unseen,
         doubled=sum(doubled.values()),
+        late=sum(_late(commands, told_at, robot) for robot in robots),
     )
+
+
+def _late(commands: Sequence[Command], begun: Sequence[Begun], robot: str) -> int:
+    """How many a robot has begun of which no command fits that was asked for in time.
+
+    What nobody has asked for at all is doubled, and not late.
+    """
+    open_ = sorted(
+        (each for each in commands if each.robot == robot and each.outcome not in _NEVER_BEGUN),
+        key=lambda each: each.asked_at,
+    )
+    late = 0
+    for one in sorted((one for one in begun if one.robot == robot), key=lambda one: one.at):
+        asked = [each for each in open_ if each.asked_at <= one.at]
+        in_time = [each for each in asked if one.at - each.asked_at <= each.within_s + CALL_S]
+        if asked:
+            open_.remove((in_time or asked)[0])
+            late += not in_time
+    return late

@@ -1,13 +1,14 @@
-"""Both demonstrations in containers: the same as from the command line, by what their conductors write."""
+"""The demonstrations in containers, by what their conductors write."""
 
 from __future__ import annotations
 
 from itertools import pairwise
 from typing import Any, Final
 
-__all__ = ["TASKS", "pal_problems", "talkrobots_problems"]
+__all__ = ["TASKS", "brokered_problems", "pal_problems", "talkrobots_problems"]
 
 TASKS: Final = ("fetch", "transport", "grasp", "approach", "take_off", "pick_left", "bring", "land", "load")
+_FLIGHTS: Final = ("take_off", "forth", "land", "back")
 _IN_ORDER: Final = ("fetch", "transport", "grasp", "approach", "pick_left", "bring")
 _LAST: Final = ("land", "load")
 _REPLACED: Final = ("approach", "bring")
@@ -75,4 +76,13 @@ def talkrobots_problems(report: dict[str, Any]) -> list[str]:
     messages = report["messages"]
     check(messages.get("request", 0) >= 22 and messages.get("response", 0) >= 22, f"messages: {messages}")
     check(messages.get("sensor", 0) > 0, "the sensor was not heard")
+    return found
+
+
+def brokered_problems(report: dict[str, Any]) -> list[str]:
+    """What is wrong with the result of the flights in two halls."""
+    rows = report["tasks"]
+    found = [f"{row['task']} {row['state']}" for row in rows if row["state"] != "done"]
+    if sorted(row["task"] for row in rows) != sorted(_FLIGHTS):
+        found.append(f"tasks: {[row['task'] for row in rows]}")
     return found

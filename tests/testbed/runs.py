@@ -22,6 +22,8 @@ __all__ = ["CASES", "RunCase", "RunRow", "problems_of", "run_lines", "through_ki
 
 LIMIT_S: Final = 90.0
 """A run goes on by itself within this, or needs help."""
+_CONDUCTOR: Final = "tasks"
+_CONTROLLERS: Final = ("ur3", "conveyor")
 _KILL_AFTER: Final = 2
 """Tasks of a robot that are done when the container is killed."""
 _LOOK_S: Final = 0.1
@@ -131,7 +133,7 @@ async def _through_kill(watcher: Watcher, containers: dict[str, Container], case
     took_s = time.time() - killed
     if not run.is_over:
         await ScenarioClient(await watcher.connected()).abort(run_id, "it takes too long")
-    begun = await asyncio.to_thread(begun_in, containers, since, time.time())
+    begun = await asyncio.to_thread(begun_in, containers, _CONDUCTOR, _CONTROLLERS, since, time.time())
     shown = zip(run.tasks, run.states, strict=True)
     waits = "; ".join(f"{task} is {state}" for task, state in shown if state != "done")
     return RunRow(case.service, run.state, run.reason or waits, not before.is_over, took_s, case.wanted(), begun)

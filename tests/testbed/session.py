@@ -8,30 +8,31 @@ import os
 import platform
 import tempfile
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
+from ua_demo.testbed.plan import OPERATOR, TESTBEDS
+
 from tests.testbed.bed import LOGS, Bed, CannotStart, say, versions
 from tests.testbed.clients import foreign_client, modbus_client, trust
 from tests.testbed.commands import Commands
-from tests.testbed.disturb import KINDS, Deed, Kind
+from tests.testbed.disturb import Deed, Kind
 from tests.testbed.engine import ROOT, CommandFailed, Compose
 from tests.testbed.healing import Healing, Row, settle
-from tests.testbed.isolation import check_hardening, check_isolation
+from tests.testbed.isolation import check_hardening, check_isolation, check_yard
 from tests.testbed.runs import RunRow, problems_of, run_lines, through_kills
+from tests.testbed.scenes import SCENES, Scene
 from tests.testbed.table import failures, into_page, lines, write_json
 from tests.testbed.watching import Login, Watcher, addresses_of
 from ua_fleet.client import ClientIdentity
 from ua_fleet.config.load import load
 from ua_fleet.errors import UaFleetError
 
-__all__ = ["disturbances", "first_looks"]
+__all__ = ["disturbances", "first_looks", "first_looks_at_the_yard", "meant"]
 
 PAGE: Final = ROOT / "docs" / "testbed.md"
-FIGURES: Final = LOGS / "table.json"
 _RUNS: Final = "runs"
 """In ONLY: the kills within runs."""
 _COMPLETE_S: Final = 60.0
@@ -51,28 +52,51 @@ def first_looks(bed: Bed, compose: Compose) -> list[str]:
     return [*found, *ways, *weak]
 
 
-def _wanted(only: str) -> list[tuple[Kind, Deed]]:
-    """All, or those of some services; `service:killed` is one of these, and `:killed` that of all."""
+def first_looks_at_the_yard(bed: Bed, compose: Compose) -> list[str]:
+    """What reaches the server from the yard, and whom the broker lets in; what is not as it should be."""
+    containers = compose.containers()
+    ways = check_yard(bed, containers)
+    say("yard: " + ("; ".join(ways) or "nothing reaches the server but by the broker, and that lets in whom it knows"))
+    weak = check_hardening(containers)
+    say("containers: " + ("; ".join(weak) or "no root, nothing to write to, no capability, no secret in them"))
+    return [*ways, *weak]
+
+
+def meant(only: str) -> dict[str, list[tuple[Kind, Deed]]]:
+    """By profile all disturbances, or those of some services or of a profile; `service:killed` is one of these.
+
+    Raises CannotStart where there is none of that name.
+    """
     words = only.split() or [""]
-    if words == [_RUNS]:
-        return []
-    wanted = [(kind, deed) for kind in KINDS for deed in Deed if any(_is_meant(word, kind, deed) for word in words)]
-    if not wanted:
-        names = ", ".join(kind.service for kind in KINDS)
+    found = {
+        scene.profile: [
+            (kind, deed)
+            for kind in scene.kinds
+            for deed in kind.deeds
+            if any(_is_meant(word, scene, kind, deed) for word in words)
+        ]
+        for scene in SCENES
+    }
+    if not any(found.values()) and _RUNS not in words:
+        names = ", ".join(kind.service for scene in SCENES for kind in scene.kinds)
         raise CannotStart(f"ONLY={only}: there is no such disturbance; services: {names}; e.g. server:killed")
-    return wanted
+    return found
 
 
-def _is_meant(word: str, kind: Kind, deed: Deed) -> bool:
+def _is_meant(word: str, scene: Scene, kind: Kind, deed: Deed) -> bool:
     service, _, how = word.partition(":")
-    return service in ("", kind.service) and deed.value.startswith(how)
+    return service in ("", kind.service, scene.profile) and deed.value.startswith(how)
 
 
-async def disturbances(bed: Bed, compose: Compose, only: str) -> list[str]:
+def with_runs(scene: Scene, only: str) -> bool:
+    """Whether the kills within runs are wanted."""
+    return bool(scene.cases) and (not only or _RUNS in only.split())
+
+
+async def disturbances(bed: Bed, compose: Compose, scene: Scene, only: str) -> list[str]:
     """Disturb containers of each kind, and write the table; what is not as it should be."""
-    wanted, with_runs = _wanted(only), not only or _RUNS in only.split()
     with tempfile.TemporaryDirectory() as folder:
-        rows, runs = await _disturb_all(bed, compose, wanted, Path(folder), with_runs=with_runs)
+        rows, runs = await _disturb_all(bed, compose, scene, only, Path(folder))
     about = {
         "Run of": datetime.now(UTC).date().isoformat(),
         **await asyncio.to_thread(versions, bed),
@@ -81,36 +105,36 @@ async def disturbances(bed: Bed, compose: Compose, only: str) -> list[str]:
     }
     table = [*lines(rows, about), *(["", *run_lines(runs)] if runs else [])]
     print("\n".join(table), flush=True)
-    write_json(FIGURES, rows, about)
+    write_json(LOGS / f"{scene.profile}.json", rows, about)
     if not only and PAGE.exists():
-        PAGE.write_text(into_page(PAGE.read_text(encoding="utf-8"), table), encoding="utf-8")
+        PAGE.write_text(into_page(PAGE.read_text(encoding="utf-8"), scene.profile, table), encoding="utf-8")
         say(f"the table stands in {PAGE.relative_to(ROOT)}")
     return [*failures(rows), *(problem for row in runs for problem in problems_of(row))]
 
 
 async def _disturb_all(
-    bed: Bed, compose: Compose, wanted: Sequence[tuple[Kind, Deed]], folder: Path, *, with_runs: bool
+    bed: Bed, compose: Compose, scene: Scene, only: str, folder: Path
 ) -> tuple[list[Row], list[RunRow]]:
     containers = compose.containers()
-    written = containers["server"].execute("cat", "/var/lib/ua-fleet/fleet/fleet.yaml")
+    written = containers[scene.server].execute("cat", "/var/lib/ua-fleet/fleet/fleet.yaml")
     (folder / "fleet.yaml").write_text(written, encoding="utf-8")
-    config = load(folder / "fleet.yaml")
+    config = load(folder / "fleet.yaml", TESTBEDS[scene.profile].environment(OPERATOR))
     identity = ClientIdentity(folder / "identity")
     await identity.ensure()
-    trust(compose, identity.certificate.read_bytes())
-    login = json.loads(containers["tasks"].execute("ua-fleet", "testbed", "login", "talkrobots", "--json"))
+    trust(compose, identity.certificate.read_bytes(), scene.server)
+    login = json.loads(containers[scene.conductor].execute("ua-fleet", "testbed", "login", scene.profile, "--json"))
     watcher = Watcher(
         Login(login["endpoint"], login["user"], login["password"], folder / "identity"),
-        list(addresses_of(config)),
+        addresses_of(config),
     )
-    commands = Commands(watcher, config)
+    commands = Commands(watcher, config, scene.asked)
     working = [asyncio.create_task(watcher.run()), asyncio.create_task(commands.run())]
     rows: list[Row] = []
     runs: list[RunRow] = []
     try:
         await _complete(watcher)
-        healing = Healing(watcher, commands, containers, bed.modbus_port)
-        for kind, deed in wanted:
+        healing = Healing(scene, watcher, commands, containers, bed.modbus_port)
+        for kind, deed in meant(only)[scene.profile]:
             since = time.time()
             try:
                 row = await healing.disturb(kind, deed)
@@ -126,10 +150,10 @@ async def _disturb_all(
         deadline = time.monotonic() + _LAST_ENDS_S
         while commands.open() and time.monotonic() < deadline:
             await asyncio.sleep(1.0)
-        await asyncio.to_thread(settle, rows, commands.all, containers)
-        _write_commands(commands)
-        if with_runs:
-            runs = await through_kills(watcher, containers)
+        await asyncio.to_thread(settle, scene, rows, commands.all, containers)
+        _write_commands(scene, commands)
+        if with_runs(scene, only):
+            runs = await through_kills(watcher, containers, scene.cases)
             for made in runs:
                 say(f"{made.service} killed within a run: {made.state} after {made.took_s:.1f} s {made.reason}")
     finally:
@@ -151,14 +175,14 @@ async def _complete(watcher: Watcher) -> None:
 def _tell(row: Row) -> None:
     noticed = "nothing noticed" if row.noticed_s is None else f"noticed after {row.noticed_s:.1f} s"
     healed = f"NOT HEALED: {'; '.join(row.missing)}" if row.healed_s is None else f"healed in {row.healed_s:.1f} s"
-    say(f"{row.service} {row.deed}: {noticed}, {healed}")
+    say("; ".join([f"{row.service} {row.deed}: {noticed}, {healed}", *row.meanwhile]))
 
 
-def _write_commands(commands: Commands) -> None:
+def _write_commands(scene: Scene, commands: Commands) -> None:
     """All commands, for who wants to look into the table."""
     LOGS.mkdir(parents=True, exist_ok=True)
     written = [
         f"{each.asked_at:.3f} {each.robot}.{each.skill} {each.execution_id or '-'} {each.outcome} {each.message}"
         for each in commands.all
     ]
-    (LOGS / "commands.txt").write_text("\n".join(written) + "\n", encoding="utf-8")
+    (LOGS / f"{scene.profile}-commands.txt").write_text("\n".join(written) + "\n", encoding="utf-8")

@@ -8,14 +8,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
-from tests.testbed.disturb import ABSENCE_S
+from tests.testbed.disturb import ABSENCE_S, Deed
 from tests.testbed.healing import LIMIT_S, Row
 from tests.testbed.ledger import Account
 
 __all__ = ["failures", "into_page", "lines", "write_json"]
 
-BEGIN: Final = "<!-- table -->"
-END: Final = "<!-- /table -->"
+BEGIN: Final = "<!-- {} -->"
+END: Final = "<!-- /{} -->"
+"""Around the table of a profile."""
 
 
 def lines(rows: Sequence[Row], about: Mapping[str, str]) -> list[str]:
@@ -30,13 +31,13 @@ def lines(rows: Sequence[Row], about: Mapping[str, str]) -> list[str]:
     made = [
         head + ".",
         "",
-        "| what | | noticed | healed | commands | done | refused | failed | unknown | lost | doubled | gaps |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+        "| what | | noticed | healed | commands | done | refused | failed | unknown | lost | doubled | late | gaps |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     made += [_line(row) for row in rows]
     sums = (
         *(total.asked, total.done, total.refused, total.failed),
-        *(total.unknown + total.unanswered, total.lost, total.doubled),
+        *(total.unknown + total.unanswered, total.lost, total.doubled, total.late),
     )
     made.append("| **all** | | | | " + " | ".join(f"**{number}**" for number in sums) + " | |")
     return made
@@ -46,11 +47,11 @@ def _line(row: Row) -> str:
     what = row.account
     cells = (
         f"{row.kind} (`{row.service}`)",
-        row.deed if row.deed == "killed" else f"{row.deed} {ABSENCE_S:g} s",
+        row.deed if row.deed == Deed.KILL else f"{row.deed} {ABSENCE_S:g} s",
         "-" if row.noticed_s is None else f"{row.noticed_s:.1f} s",
         f"**not in {LIMIT_S:g} s**" if row.healed_s is None else f"{row.healed_s:.1f} s",
         *map(str, (what.asked, what.done, what.refused, what.failed, what.unknown + what.unanswered)),
-        *(str(what.lost), str(what.doubled), "-" if row.gaps is None else str(row.gaps)),
+        *(str(what.lost), str(what.doubled), str(what.late), "-" if row.gaps is None else str(row.gaps)),
     )
     return f"| {' | '.join(cells)} |"
 
@@ -66,17 +67,21 @@ def failures(rows: Sequence[Row]) -> list[str]:
             found.append(f"{what}: {row.account.lost} commands lost")
         if row.account.doubled:
             found.append(f"{what}: {row.account.doubled} commands doubled")
+        if row.account.late:
+            found.append(f"{what}: {row.account.late} commands begun too late")
+        found += [f"{what}: {problem}" for problem in row.meanwhile]
         if row.account.asked == 0:
             found.append(f"{what}: nothing was asked for meanwhile")
     return found
 
 
-def into_page(page: str, table: Sequence[str]) -> str:
-    """A page with another table between its marks; raises ValueError where it has none."""
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
+def into_page(page: str, profile: str, table: Sequence[str]) -> str:
+    """A page with another table between the marks of a profile; raises ValueError where it has none."""
+    first, last = BEGIN.format(profile), END.format(profile)
+    before, begin, rest = page.partition(first)
+    _, end, after = rest.partition(last)
     if not begin or not end:
-        raise ValueError(f"there is no {BEGIN} with {END} after it")
+        raise ValueError(f"there is no {first} with {last} after it")
     return "\n".join((f"{before}{begin}", *table, f"{end}{after}"))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -13,10 +13,16 @@ from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import UaFleetError
 
-__all__ = ["Login", "Seen", "Watcher", "addresses_of"]
+__all__ = ["Login", "Seen", "Watcher", "addresses_of", "state_of"]
 
 _TIMEOUT_S: Final = 4.0
 _AGAIN_S: Final = 0.3
+_STATE: Final = ".State"
+
+
+def state_of(robot: str) -> str:
+    """The node of a robot's State."""
+    return f"ns=2;s=Robots.{robot}{_STATE}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +37,10 @@ class Login:
 
 
 def addresses_of(config: FleetConfig, robots: Iterable[str] | None = None) -> dict[str, str]:
-    """The nodes that show whether robots are heard: robot by address. What clients write may have no value yet."""
+    """The nodes that show whether robots are heard, with the robot of each. What clients write may have no value."""
     found: dict[str, str] = {}
     for name in config.robots if robots is None else robots:
-        found[f"ns=2;s=Robots.{name}.State"] = name
+        found[state_of(name)] = name
         for data in config.robots[name].data.values():
             if data.origin == "server":
                 continue
@@ -47,7 +53,8 @@ def addresses_of(config: FleetConfig, robots: Iterable[str] | None = None) -> di
 class Seen:
     """What a client has seen of some nodes. Times are seconds since 1970."""
 
-    addresses: Sequence[str]
+    addresses: Mapping[str, str]
+    """With the robot of each."""
     bad: dict[str, str] = field(default_factory=dict[str, str])
     """Those that are not Good now, or not known to be in this connection, with their quality."""
     troubles: list[tuple[float, str, str]] = field(default_factory=list[tuple[float, str, str]])
@@ -79,6 +86,22 @@ class Seen:
         """Whether all is as it should be."""
         return self.is_connected and not self.bad
 
+    def good_of(self, robots: Iterable[str]) -> list[str]:
+        """The values of some robots that are Good now. Their State is the server's word, and always Good."""
+        values = [address for robot in robots for address, of in self.addresses.items() if of == robot]
+        return [address for address in values if address not in self.bad and not address.endswith(_STATE)]
+
+    def troubles_of(self, robots: Iterable[str], since: float, until: float) -> list[tuple[str, str]]:
+        """The nodes of some robots that went away in a time, and what was shown; the connection is all robots'."""
+        names = set(robots)
+        if not names:
+            return []
+        return [
+            (address, status)
+            for at, address, status in self.troubles
+            if since <= at < until and (address == "connection" or self.addresses[address] in names)
+        ]
+
     def noticed_after(self, since: float) -> float | None:
         """Seconds from a moment until the first trouble after it; None where nothing was noticed."""
         return next((at - since for at, _, _ in self.troubles if at >= since), None)
@@ -87,8 +110,8 @@ class Seen:
 class Watcher:
     """The client."""
 
-    def __init__(self, login: Login, addresses: Sequence[str]) -> None:
-        """Prepare to watch some nodes."""
+    def __init__(self, login: Login, addresses: Mapping[str, str]) -> None:
+        """Prepare to watch some nodes, given with the robot of each."""
         self._login, self._addresses = login, addresses
         self.seen = Seen(addresses)
         self.client: FleetClient | None = None
@@ -109,7 +132,7 @@ class Watcher:
                     self.seen.connected()
                     self.client = client
                     self._is_there.set()
-                    async for change in client.watch(self._addresses):
+                    async for change in client.watch(list(self._addresses)):
                         self.seen.changed(change.node_id, change.status_text, time.time())
             except UaFleetError:
                 pass  # how long that lasts is what is measured

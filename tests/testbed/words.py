@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 from typing import Final
 
@@ -13,7 +14,6 @@ from tests.testbed.ledger import Begun
 __all__ = ["begun_in", "read_events", "read_log"]
 
 _BEGINS: Final = "begins"
-_CONTROLLERS: Final = ("ur3", "conveyor")
 _SAME: Final = "program ua_fleet"
 """What the arm's controller says of each program of the bridge: it tells none from another."""
 _TOLD: Final = re.compile(r"^(\S+) told: (.*)$")
@@ -48,15 +48,19 @@ def read_log(robot: str, text: str) -> list[Begun]:
     return found
 
 
-def begun_in(containers: dict[str, Container], since: float, until: float) -> list[Begun]:
+def begun_in(
+    containers: Mapping[str, Container], conductor: str, controllers: Iterable[str], since: float, until: float
+) -> list[Begun]:
     """What all robots have begun in a time, in seconds since 1970.
 
     Args:
-        containers: by service; the conductor's sees the volume of events.
+        containers: by service.
+        conductor: the service that sees the volume of events.
+        controllers: robots whose logs say it.
         since: the earliest.
         until: the latest.
     """
-    found = read_events(containers["tasks"].python(_READ))
-    for robot in _CONTROLLERS:
+    found = read_events(containers[conductor].python(_READ))
+    for robot in controllers:
         found += read_log(robot, containers[robot].logs(timestamps=True))
     return [one for one in found if since <= one.at < until]

@@ -37,6 +37,29 @@ asyncio.run(main())
 """
 
 
+PARENT = """
+import asyncio, os, signal, subprocess, sys
+from ua_fleet.bridge.children import end_child, start_child
+async def main():
+    one = await start_child([sys.executable, "program.py", "one"], dict(os.environ, OF_THE_TEST="yes"))
+    print((await one.stdout.readline()).decode().strip(), (await one.stdout.readline()).decode().strip(), flush=True)
+    print("ended", await one.wait(), flush=True)
+    two = await start_child([sys.executable, "program.py", "waits"], dict(os.environ))
+    print((await two.stdout.readline()).decode()[:5], os.getsid(two.pid) == two.pid, flush=True)
+    print(open(f"/proc/{two.pid}/stat").read().split()[3] == str(os.getpid()), flush=True)
+    await end_child(two)
+    print("ended", two.returncode, flush=True)
+    three = await start_child([sys.executable, "program.py", "waits"], dict(os.environ))
+    print("third", three.pid, flush=True)
+    await three.wait()
+done = subprocess.run([sys.executable, "-u", "program.py", "fails"], stdout=subprocess.PIPE, text=True)
+print("run", done.returncode, done.stdout.split()[0], flush=True)
+done = subprocess.run([sys.executable, "imported.py"], capture_output=True, text=True)
+print("imported", done.stdout.strip(), flush=True)
+asyncio.run(main())
+"""
+
+
 @pytest.fixture
 def program(tmp_path: Path) -> Path:
     path = tmp_path / "program.py"
@@ -102,3 +125,26 @@ def test_the_first_server_of_each_has_the_nodes_of_the_standard_and_the_second_m
         first, second = child.wait_for("first"), child.wait_for("second")
         assert first.split()[1:] == second.split()[1:]
         assert int(first.split()[1]) > 5000
+
+
+def test_children_of_a_demonstration_are_its_own_and_have_imported_what_they_need(
+    program: Path, processes: Processes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(program.parent)
+    (program.parent / "parent.py").write_text(PARENT)
+    (program.parent / "imported.py").write_text("import sys; print('ua_fleet.server.app' in sys.modules)")
+    child = processes.start(sys.executable, "-m", "parent", "demo")
+    last = int(child.wait_for("third").split()[1])
+    assert child.lines[:-1] == [
+        "to stderr False",  # which is its parent's, as its group is
+        "run 3 hello",
+        "imported True",
+        "hello __main__ ['one'] yes ['0', '1', '2', '3'] to stderr True",
+        "ended 0",
+        "hello True",
+        "True",
+        "ended -15",
+    ]
+    child.end(signal.SIGKILL)
+    while Path(f"/proc/{last}").exists():  # it ends with its parent
+        time.sleep(0.01)

@@ -58,9 +58,11 @@ from ua_fleet.skill.responder import (
     Query,
     Respond,
     ResponderEffect,
+    ResponderLimits,
 )
 from ua_fleet.topics import LoopVerdict, Side, Topic, loop_verdict
 from ua_fleet.transport.addresses import answer_address
+from ua_fleet.transport.party import Answers
 from ua_fleet.values import BuiltinType, Quality, StatusCode, quality_of
 from ua_fleet.wire.actions import encode_action
 from ua_fleet.wire.discovered import ActionTarget
@@ -102,6 +104,8 @@ class Actions:
         rule: Rule = loop_verdict,
         definitions: Mapping[Topic, str] = MappingProxyType({}),
         skills_period_s: float = SKILLS_PERIOD_S,
+        answers: Answers = answer_address,
+        limits: ResponderLimits | None = None,
     ) -> None:
         """Connect the parts.
 
@@ -122,7 +126,10 @@ class Actions:
             rule: the loop rule.
             definitions: what robots are, by the topics of their SkillStatus; announced with these.
             skills_period_s: how often the driver is asked what skills there are.
+            answers: finds where a response goes.
+            limits: of the responder; the usual ones if left out.
         """
+        self._answer_address = answers
         self._space, self._publisher, self._counters, self._driver = space, publisher, counters, driver
         self._send, self._send_to, self._wall_ticks, self._failed, self._rule = (
             send,
@@ -133,7 +140,12 @@ class Actions:
         )
         self._followed = followed
         self._responder = ActionResponder(
-            space, journal, counters, allowed_spaces=requestors, must_be_verified=must_be_verified
+            space,
+            journal,
+            counters,
+            allowed_spaces=requestors,
+            must_be_verified=must_be_verified,
+            limits=limits or ResponderLimits(),
         )
         self._board = StatusBoard(core, definitions)
         self._changed: list[skill_journal.RecordedExecution] = []
@@ -166,7 +178,7 @@ class Actions:
         if name is not None and self._rule(Side.PUBSUB, name.space, self._space, False) is not LoopVerdict.TO_SPACE:
             self._counters.drop(Drop.LOOP, 1 + len(message.others))
             return
-        reply_to = answer_address(message.response_address, event.sender) if event.sender is not None else None
+        reply_to = self._answer_address(message.response_address, event.sender) if event.sender is not None else None
         if reply_to is None:
             self._counters.drop_malformed("response_address")
             return

@@ -4,8 +4,9 @@ Time is an argument. What is to be sent and published goes through two callables
 more than the work itself. The rule is asked in two places: here for what the space says, and in the subscriber for
 what PubSub says.
 
-A message whose status is Bad, or that says that a value is too old, is not published into the space: ROS has no way to
-say it. The same is true of a source that falls silent. Each is seen in the OPC UA server.
+A message whose status is Bad, or that says that a value is too old or a substitute (a recorded one), is not published
+into the space: ROS has no way to say it. The same is true of a source that falls silent. Each is seen in the OPC UA
+server.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from ua_fleet.errors import FieldMissing, LocalWireError
 from ua_fleet.pubsub.events import (
     ActionReceived,
     DataReceived,
+    EventReceived,
     MetaDataReceived,
     ProbeDue,
     ProbeReceived,
@@ -41,7 +43,7 @@ from ua_fleet.pubsub.events import (
     SourceUnknown,
     SubscriberEvent,
 )
-from ua_fleet.pubsub.metadata import first_property, type_codes, with_max_age
+from ua_fleet.pubsub.metadata import NODE_ONLY, first_property, type_codes, with_max_age
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.topics import LoopVerdict, Side, Topic, loop_verdict
@@ -49,15 +51,21 @@ from ua_fleet.values import BuiltinType, StatusCode, Variant, ticks_from_unix_ns
 from ua_fleet.wire.actions import ActionMessage
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
-__all__ = ["NODE_ONLY", "ActionSide", "BridgeCore", "PublishIntoSpace", "Rule", "SendDatagram", "TeleoperationSide"]
+__all__ = [
+    "NODE_ONLY",
+    "ActionSide",
+    "BridgeCore",
+    "PublishIntoSpace",
+    "Rule",
+    "SendDatagram",
+    "SwitchSide",
+    "TeleoperationSide",
+]
 
 Rule = Callable[[Side, int, int, bool], LoopVerdict]
 """`loop_verdict`, or what a test puts in its place."""
 SendDatagram = Callable[[bytes], None]
 PublishIntoSpace = Callable[[Topic, DataSetMetaData, DataSetMessage], bool]
-
-NODE_ONLY: Final = "NodeOnly"
-"""Property of a DataSet's first field: the data is for the server's nodes and has no form in a robot's space."""
 
 _DROPS: Final = {
     LoopVerdict.DROP_LOOP: Drop.LOOP,
@@ -69,7 +77,8 @@ _REMEMBERED: Final = 16
 _STATUS_CODE: Final = int(BuiltinType.STATUS_CODE)
 _BAD: Final = int(StatusCode.BAD)
 _LAST_USABLE: Final = int(StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE)
-_OLD: Final = _LAST_USABLE >> 16
+_NOT_OF_NOW: Final = (_LAST_USABLE >> 16, int(StatusCode.UNCERTAIN_SUBSTITUTE_VALUE) >> 16)
+"""The upper halves of the statuses of a value that is too old, or that somebody has put in place of one."""
 
 
 class ActionSide(Protocol):
@@ -110,6 +119,26 @@ class TeleoperationSide(Protocol):
 
     def setpoint(self, event: SetpointReceived, now: float) -> None:
         """Take a setpoint."""
+        ...
+
+
+class SwitchSide(Protocol):
+    """What the core needs of who disables and enables what the bridge sends: see `ua_fleet.bridge.switching`."""
+
+    def takes(self, message: ActionMessage) -> bool:
+        """Whether a request is for this."""
+        ...
+
+    def receive(self, event: ActionReceived, now: float) -> None:
+        """Take such a request."""
+        ...
+
+    def poll(self, now: float) -> None:
+        """Do what is due."""
+        ...
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None."""
         ...
 
 
@@ -158,6 +187,8 @@ class BridgeCore:
         """The commands of this bridge; without, Actions are left alone."""
         self.teleoperation: TeleoperationSide | None = None
         """The robots of this bridge that are driven by hand, where there are some."""
+        self.switches: SwitchSide | None = None
+        """Who disables and enables what is sent; without, nobody does."""
         self.wants: Wants | None = None
         """What the server wants of this bridge, where that reads on demand."""
         self.stale: Callable[[Topic, bool], None] | None = None
@@ -231,9 +262,18 @@ class BridgeCore:
         self._read[topic] = timestamp
         return datagrams
 
-    def from_pubsub(self, datagram: bytes, *, now: float, sender: tuple[str, int] | None = None) -> None:
-        """Take in a datagram, and where it came from."""
-        self._hear(self._subscriber.receive(datagram, now, sender), now)
+    def from_pubsub(
+        self,
+        datagram: bytes,
+        *,
+        now: float,
+        sender: tuple[str, int] | None = None,
+        is_fresh: bool = True,
+        connection: int = 0,
+    ) -> None:
+        """Take in a datagram, and where it came from; `is_fresh` and `connection` as in `Subscriber.receive`."""
+        events = self._subscriber.receive(datagram, now, sender, is_fresh=is_fresh, connection=connection)
+        self._hear(events, now)
 
     def begin(self, *, now: float, wall_ticks: int) -> None:
         """Say on PubSub that this bridge is there."""
@@ -255,6 +295,8 @@ class BridgeCore:
         self._hear(self._subscriber.poll(now), now)
         if self.actions is not None:
             self.actions.poll(now)
+        if self.switches is not None:
+            self.switches.poll(now)
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""
@@ -263,10 +305,10 @@ class BridgeCore:
         stale_at = self.freshness.next_deadline()
         if stale_at is not None:
             due = stale_at if due is None else min(due, stale_at)
-        if self.actions is not None:
-            commands = self.actions.next_deadline()
-            if commands is not None:
-                return commands if due is None else min(due, commands)
+        for commands in (self.actions, self.switches):
+            at = None if commands is None else commands.next_deadline()
+            if at is not None:
+                due = at if due is None else min(due, at)
         return due
 
     def _found(self, source: SourceFound, now: float, wall_ticks: int) -> None:
@@ -296,6 +338,10 @@ class BridgeCore:
             self._read[topic] = timestamp
             self._send(datagram)
 
+    def hear(self, events: Iterable[SubscriberEvent], now: float) -> None:
+        """Take what comes of reading that somebody has disabled."""
+        self._hear(events, now)
+
     def _hear(self, events: Iterable[SubscriberEvent], now: float) -> None:
         for event in events:
             try:
@@ -309,7 +355,7 @@ class BridgeCore:
         wants = self.wants
         if wants is not None and isinstance(event, DataReceived | SourceSilent) and event.topic == wants.topic:
             wants.hear(event)
-        elif isinstance(event, DataReceived):
+        elif isinstance(event, DataReceived | EventReceived):
             self._data(event)
         elif isinstance(event, SourceSilent | SourceStale | SourceReturned):
             if self.stale is not None:
@@ -332,12 +378,14 @@ class BridgeCore:
                 self._node_only.discard(event.topic)
 
     def _action(self, event: ActionReceived, now: float) -> None:
-        if self.teleoperation is not None and self.teleoperation.takes(event.message):
+        if self.switches is not None and self.switches.takes(event.message):
+            self.switches.receive(event, now)
+        elif self.teleoperation is not None and self.teleoperation.takes(event.message):
             self.teleoperation.receive(event, now)
         elif self.actions is not None:
             self.actions.receive(event, now)
 
-    def _data(self, event: DataReceived) -> None:
+    def _data(self, event: DataReceived | EventReceived) -> None:
         topic, message, metadata = event
         if topic in self._node_only:
             return
@@ -345,7 +393,7 @@ class BridgeCore:
             self.counters.drop(Drop.NOT_A_SETPOINT)
             return
         status = message.status or 0
-        is_bad, has_bad_field = bool(status & _BAD) or status >> 16 == _OLD, _has_bad_field(message, metadata)
+        is_bad, has_bad_field = _is_unfit(status), _has_bad_field(message, metadata)
         if is_bad or has_bad_field:
             if not is_bad:
                 self.counters.drop(Drop.CONVERSION)
@@ -373,6 +421,11 @@ class BridgeCore:
             self.counters.looped += 1
         else:
             published.append(timestamp)
+
+
+def _is_unfit(status: int) -> bool:
+    """Whether a message has no form in a space, which has no way to say such a status."""
+    return bool(status & _BAD) or status >> 16 in _NOT_OF_NOW
 
 
 def _unwrapped(types: tuple[int, ...], values: tuple[Any, ...]) -> tuple[tuple[int, ...], tuple[Any, ...]]:

@@ -14,10 +14,7 @@ from ua_fleet.keys.keeper import KeysKept
 from ua_fleet.monitoring import Monitor, metrics
 from ua_fleet.monitoring.counted import counted, keys_left, transported
 from ua_fleet.monitoring.metrics import Family
-from ua_fleet.pubsub.security.envelope import Envelope
-from ua_fleet.transport.base import Transport
-from ua_fleet.transport.paced import PacedSender
-from ua_fleet.wire.security import SecurityMode
+from ua_fleet.transport.connections import Connections, Sender
 
 __all__ = ["BridgeFigures"]
 
@@ -29,28 +26,31 @@ class BridgeFigures:
         self,
         counters: Counters,
         driver: Driver,
-        transport: Transport,
+        connections: Connections,
         inlet: BoundedInlet,
-        envelope: Envelope,
         keys: KeysKept,
         lag: LagMeter,
-        sender: PacedSender,
+        sender: Sender,
     ) -> None:
-        self._counters, self._driver, self._transport, self._inlet = counters, driver, transport, inlet
-        self._envelope, self._keys, self._lag, self._sender = envelope, keys, lag, sender
+        self._counters, self._driver, self._connections, self._inlet = counters, driver, connections, inlet
+        self._envelopes, self._keys, self._lag, self._sender = connections.envelopes, keys, lag, sender
 
     def tell(self, monitor: Monitor) -> None:
         """Tell of the bridge from now on."""
         monitor.add(self.collect)
-        monitor.ready_when(self.problem, lambda: self._driver.status().detail)
+        monitor.ready_when(self.problem, self._text)
         monitor.alive_with(self._health)
+
+    def _text(self) -> str:
+        """How the robots are; and which connection does not work, where another one does."""
+        return "; ".join(filter(None, (self._driver.status().detail, self._connections.problem)))
 
     def problem(self) -> str:
         """Why data does not pass; empty while it can."""
         status = self._driver.status()
         if not status.connected:
             return f"not connected to the space: {status.detail}"
-        return self._transport.stats.problem or self._envelope.problem or self.lag_problem()
+        return self._connections.stats.problem or self._envelopes.problem or self.lag_problem()
 
     def lag_problem(self) -> str:
         """Why values are not of now; empty while they are."""
@@ -74,10 +74,10 @@ class BridgeFigures:
     def collect(self) -> Iterator[Family]:
         """All figures now."""
         yield from counted(self._counters, has_space=True)
-        yield from transported(self._transport.stats)
-        if self._envelope.mode is not SecurityMode.NONE:
+        yield from transported(self._connections.stats)
+        if self._envelopes.is_secured:
             now = asyncio.get_running_loop().time()
-            yield from keys_left(self._envelope.keys_last_s(now), self._keys.source_problem)
+            yield from keys_left(self._envelopes.keys_last_s(now), self._keys.source_problem)
         status = self._driver.status()
         yield metrics.SPACE_CONNECTED.one(status.connected)
         yield metrics.DEVICE_UP.many(((name,), not reason) for name, reason in status.devices.items())

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import replace
 from functools import partial
@@ -35,35 +35,39 @@ from ua_fleet.bridge.lag import LagMeter
 from ua_fleet.bridge.link_log import LinkLog
 from ua_fleet.bridge.rival import Rival
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, aside_text, status_topic, status_values
+from ua_fleet.bridge.switching import BridgeSwitches
 from ua_fleet.bridge.teleoperation import BridgeTeleoperation
 from ua_fleet.bridge.told import ToldReasons
 from ua_fleet.bridge.wanted import Wants
 from ua_fleet.config.applications import bridge_application
-from ua_fleet.config.nodes import mapped_sources, max_ages_of
+from ua_fleet.config.nodes import mapped_sources, max_ages_of, writer_settings
 from ua_fleet.config.registration import announced_robots
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
+from ua_fleet.config.security import keys_needed, publisher_ids, weaknesses
 from ua_fleet.config.teleoperation import setpoint_groups, teleoperations
+from ua_fleet.config.transports import connections_of
 from ua_fleet.counters import Counters
 from ua_fleet.errors import DriverFailed, UaFleetError
 from ua_fleet.fleet.wanted import wanted_topic
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
 from ua_fleet.monitoring import Mistakes, Monitor
+from ua_fleet.pubsub.group_figures import LinkErrors, figures_of
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.skill.journal import MemoryJournal, ResponderJournal
+from ua_fleet.skill.responder import ResponderLimits
 from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.storage.lease_numbers import LeaseNumbers
 from ua_fleet.storage.process_lock import process_lock
 from ua_fleet.topics import Topic, loop_verdict
-from ua_fleet.transport.base import Address, KnowsItself, Transport
+from ua_fleet.transport.base import Address, Transport
+from ua_fleet.transport.connections import Connections, Sender
 from ua_fleet.transport.paced import PacedSender
 from ua_fleet.transport.sealed import Sent
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire import Codec
-from ua_fleet.wire.security import SecurityMode
 
 __all__ = ["run_bridge"]
 
@@ -85,7 +89,7 @@ class _Shell:
         config: FleetConfig,
         bridge_name: str,
         driver: Driver,
-        transport: Transport,
+        transports: Transport | Sequence[Transport],
         state_dir: Path,
         journal: ResponderJournal,
         rule: Rule,
@@ -96,12 +100,14 @@ class _Shell:
         self._loop = asyncio.get_running_loop()
         self._name, self._bridge = bridge_name, config.bridges[bridge_name]
         self._log: Any = structlog.get_logger("ua_fleet.bridge", bridge=bridge_name)
-        self._driver, self._transport = driver, transport
+        self._driver = driver
         self._status_topic = status_topic(config, self._bridge)
         self.counters = Counters()
         timing, space = config.pubsub.timing(), self._bridge.space
         codec = Codec(packed_arrays=driver.takes_packed_arrays)
-        self.envelope = envelope_of(config, space, self.counters, state_dir)
+        self.connections = connections_of(config, space, self.counters, state_dir, transports)
+        self.envelopes = self.connections.envelopes
+        first, *further = self.connections.all
         self.keys = KeysKept()
         max_ages = max_ages_of(config)
         self._subscriber = Subscriber(
@@ -110,30 +116,51 @@ class _Shell:
             self.counters,
             codec,
             rule,
-            envelope=self.envelope,
+            envelope=first.envelope,
+            barred=first.barred,
+            relayed=first.relayed,
+            takes_actions=first.takes_actions,
             max_ages=max_ages,
             mapped=mapped_sources(config),
+            publisher_ids=publisher_ids(config),
             setpoint_groups=setpoint_groups(config),
         )
+        for each in further:
+            self._subscriber.add_connection(
+                each.envelope, barred=each.barred, relayed=each.relayed, takes_actions=each.takes_actions
+            )
         publisher = Publisher(
             space,
             timing,
             self.counters,
             codec,
             bridge_application(config, bridge_name),
-            max_packed_bytes=self.envelope.max_plain_bytes,
+            max_packed_bytes=self.envelopes.max_plain_bytes,
+            settings=writer_settings(config),
+        )
+        self._publisher, self._link_errors = publisher, LinkErrors()
+        self._rival = Rival()
+        self.connections.speak_for(
+            space,
+            self.receive,
+            publisher.names_of,
+            taken_over=lambda: self._rival.heard(("the broker", 0), self._loop.time()),
         )
         lag = LagMeter()
-        self._sender = PacedSender(
-            self.envelope,
-            transport,
-            self._loop.time,
-            self._loop.call_at,
-            self.counters,
-            sent,
-            arrived=lambda: self.inlet.arrived_at,
-            gone=lag.observe,
-        )
+        paced = [
+            PacedSender(
+                each.envelope,
+                each.transport,
+                self._loop.time,
+                self._loop.call_at,
+                self.counters,
+                sent,
+                arrived=lambda: self.inlet.arrived_at,
+                gone=lag.observe,
+            )
+            for each in self.connections.all
+        ]
+        self._sender = Sender(self.connections, paced, self.counters)
         send = self._sender.send
         self._core = BridgeCore(
             space,
@@ -157,7 +184,7 @@ class _Shell:
             driver=driver,
             journal=journal,
             requestors=self._bridge.requestors,
-            must_be_verified=self.envelope.mode is not SecurityMode.NONE,
+            must_be_verified=self.connections.must_be_verified,
             core=self._core,
             send=send,
             send_to=send,
@@ -166,11 +193,32 @@ class _Shell:
             followed=ExecutionLog(self._log).take,
             rule=rule,
             definitions=announced_robots(config, bridge_name),
+            answers=self.connections.answer_address,
+            limits=limits_of(self.connections),
         )
+        self._switches = self._core.switches = BridgeSwitches(
+            bridge_name,
+            space,
+            config.fleet.namespace_index,
+            publisher,
+            self._subscriber,
+            self.counters,
+            requestors=self._bridge.requestors,
+            must_be_verified=self.connections.must_be_verified,
+            send=send,
+            send_to=send,
+            wall_ticks=_wall_ticks,
+            hear=self._core.hear,
+            told=self._switched,
+            failed=self.failed,
+            caught=mistakes.caught,
+            answers=self.connections.answer_address,
+            limits=limits_of(self.connections),
+        )
+        self._actions.rival = self._not_now
         self.teleoperation = self._driven(config, state_dir, publisher)
-        self._rival = Rival()
-        if isinstance(transport, KnowsItself):
-            is_own = transport.is_own
+        if self.connections.know_themselves:
+            is_own = self.connections.is_own
 
             def impostor(sender: Address, now: float) -> bool:
                 if is_own(sender):
@@ -178,7 +226,7 @@ class _Shell:
                 self._rival.heard(sender, now)
                 return True
 
-            self._subscriber.impostor, self._actions.rival = impostor, self._rival.problem
+            self._subscriber.impostor = impostor
         self._data_of: dict[str, set[Topic]] = {}
         """The data of each robot of `fleet.yaml`."""
         for robot, _, topic, _ in every_data_set(config):
@@ -192,9 +240,7 @@ class _Shell:
             lag=lag,
             sources_of=self._sources_of,
         )
-        self.figures = BridgeFigures(
-            self.counters, driver, transport, self.inlet, self.envelope, self.keys, lag, self._sender
-        )
+        self.figures = BridgeFigures(self.counters, driver, self.connections, self.inlet, self.keys, lag, self._sender)
         self._timer: asyncio.TimerHandle | None = None
         self._status_at = self._not_before = 0.0
         self._told = ToldReasons()
@@ -217,7 +263,7 @@ class _Shell:
             core=self._core,
             next_number=LeaseNumbers(state_dir).next,
             requestors=self._bridge.requestors,
-            must_be_verified=self.envelope.mode is not SecurityMode.NONE,
+            must_be_verified=self.connections.must_be_verified,
             busy=self._actions.busy,
             send=self._sender.send,
             send_to=self._sender.send,
@@ -225,6 +271,8 @@ class _Shell:
             caught=self.mistakes.caught,
             told=lambda text, robot, detail: self._log.info(text, robot=robot, detail=detail),
             loop=self._loop,
+            answers=self.connections.answer_address,
+            limits=limits_of(self.connections),
         )
         self._actions.driven_by = driven.driven_by
         return driven
@@ -243,6 +291,7 @@ class _Shell:
             source = SourceFound(self._status_topic, f"{self._name} status", STATUS_FIELDS)
             self._core.from_space(source, now=now, wall_ticks=_wall_ticks())
         self._status_at = now
+        self._switches.begin(now)
         self._actions.begin(now)
         if self.teleoperation is not None:
             self.teleoperation.begin(now)
@@ -257,10 +306,11 @@ class _Shell:
         if self._timer is not None:
             self._timer.cancel()
 
-    def receive(self, datagram: bytes, sender: Address) -> None:
-        """Take a datagram from the transport."""
+    def receive(self, datagram: bytes, sender: Address, *, is_fresh: bool = True, connection: int = 0) -> None:
+        """Take a datagram from a transport, or what its broker had kept."""
         try:
-            self._core.from_pubsub(datagram, now=self._loop.time(), sender=sender)
+            now = self._loop.time()
+            self._core.from_pubsub(datagram, now=now, sender=sender, is_fresh=is_fresh, connection=connection)
         except Exception as error:  # noqa: BLE001 - whatever is wrong with one datagram, others are behind it
             self.mistakes.caught("datagrams", error, client=f"{sender[0]}:{sender[1]}")
         if self._subscriber.is_nearer:
@@ -271,6 +321,13 @@ class _Shell:
         self._log.error(text, exc_info=error)
         if error is not None:
             self.mistakes.counted("commands", error)
+
+    def _not_now(self, now: float) -> str:
+        """Why nothing may be begun now; empty where it may."""
+        return self._rival.problem(now) or self._switches.problem
+
+    def _switched(self, component: str, is_enabled: bool) -> None:
+        self._log.warning("PubSub was switched", component=component, state="enabled" if is_enabled else "disabled")
 
     def _sources_of(self, execution_id: bytes) -> Collection[Topic]:
         """The data of the robot that an execution belongs to."""
@@ -328,7 +385,7 @@ class _Shell:
         status = self._driver.status()
         if status.is_over and not self.over.done():
             self.over.set_exception(DriverFailed(f"bridge {self._name}: {' '.join(status.detail.split())}"))
-        if problem := self.envelope.problem or self.keys.problem() or self._actions.problem:
+        if problem := self.envelopes.problem or self.keys.problem() or self._actions.problem:
             status = replace(status, detail=f"{status.detail}; {problem}")
         if rival := self._rival.problem(now):
             status = replace(status, detail=f"{status.detail}; {rival}")
@@ -339,20 +396,34 @@ class _Shell:
             status = replace(status, detail=f"{status.detail}; {aside_text(status.aside)}")
         for complaint in self._subscriber.complaints(now):
             self._log.warning(complaint.what, cause=complaint.cause, count=complaint.count, detail=complaint.detail)
-        self._transport.stats.count_drops(self.counters)
+        self.connections.count_drops(self.counters)
+        self._link_errors.look(self.connections.problem)
         if self._status_topic is not None:
             lag_p99_s, oldest_s = self.figures.lags_s()
             values = status_values(
-                self._name, self._bridge.kind, status, self.counters, lag_p99_s=lag_p99_s, oldest_s=oldest_s
+                self._name,
+                self._bridge.kind,
+                status,
+                self.counters,
+                lag_p99_s=lag_p99_s,
+                oldest_s=oldest_s,
+                figures=figures_of(
+                    self._publisher, self._sender.failed, self._sender.not_secured, self._link_errors.counts
+                ),
             )
             self._core.tell(self._status_topic, values, _wall_ticks(), now=now)
+
+
+def limits_of(connections: Connections) -> ResponderLimits:
+    """A broker may hold a request back for as long as it likes, so that none is taken after its TimeoutHint."""
+    return ResponderLimits(late_tolerance_s=0.0) if connections.are_brokered else ResponderLimits()
 
 
 async def run_bridge(
     config: FleetConfig,
     bridge_name: str,
     driver: Driver,
-    transport: Transport,
+    transport: Transport | Sequence[Transport],
     *,
     state_dir: Path,
     keys: KeySource | None = None,
@@ -368,7 +439,7 @@ async def run_bridge(
         config: the fleet.
         bridge_name: which of its bridges this is.
         driver: the bridge's driver, not started.
-        transport: the PubSub side, not started.
+        transport: the PubSub side, not started; of a bridge on several connections one for each, in their order.
         state_dir: where the bridge remembers what must survive a restart; used only with message security or skills.
         keys: where the keys of message security come from; not needed where it is `none`.
         journal: of executions; the one in `state_dir` if left out. Without skills there is nothing to remember.
@@ -384,7 +455,7 @@ async def run_bridge(
         StorageUnavailable: the journal of executions cannot be used, or this bridge runs already.
         TransportError: the PubSub side cannot be opened; with the remedy.
     """
-    keys = keys_needed(config, keys)
+    keys = keys_needed(config, config.bridges[bridge_name].space, keys)
     async with AsyncExitStack() as cleanup:
         cleanup.enter_context(process_lock(state_dir / f"{bridge_name}.lock", f"bridge {bridge_name}"))
         if journal is None and driver.has_skills:
@@ -393,7 +464,7 @@ async def run_bridge(
         shell = _Shell(
             config, bridge_name, driver, transport, state_dir, journal or MemoryJournal(), rule, sent, mistakes
         )
-        cleanup.push_async_callback(transport.close)
+        cleanup.push_async_callback(shell.connections.close)
         cleanup.push_async_callback(driver.stop)
         cleanup.callback(shell.end)
         if shell.teleoperation is not None:
@@ -402,7 +473,7 @@ async def run_bridge(
             async with asyncio.TaskGroup() as tasks:
                 if keys is not None:
                     count = config.pubsub.keys.future_keys + 1
-                    keeping = partial(keep_keys, shell.envelope, keys, shell.keys, count=count, mistakes=mistakes)
+                    keeping = partial(keep_keys, shell.envelopes, keys, shell.keys, count=count, mistakes=mistakes)
                     tasks.create_task(mistakes.keep("keys", keeping))
                     if monitor is not None:
                         monitor.ready_when(
@@ -411,7 +482,7 @@ async def run_bridge(
                     await shell.wait_for_own_key()
                 driver.remember_in(state_dir)
                 await driver.start(shell.inlet)
-                await transport.start(shell.receive)
+                await shell.connections.start(shell.receive)
                 shell.begin()
                 if monitor is not None:
                     shell.figures.tell(monitor)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import islice
 from typing import Any, Final
 
 from ua_fleet.bridge.core import NODE_ONLY
 from ua_fleet.bridge.driver import DriverStatus
 from ua_fleet.config.schema import BridgeConfig, FleetConfig
-from ua_fleet.counters import Counters, Drop
+from ua_fleet.counters import OF_BRIDGES, Counters
+from ua_fleet.pubsub.group_figures import FIGURES_FIELD, GroupFigures, packed
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType
@@ -32,9 +33,10 @@ STATUS_FIELDS: Final = (
     make_field("ToSpace", _UINT64),
     make_field("Gaps", _UINT64),
     make_field("Looped", _UINT64),
-    *(make_field(f"Drops.{drop.value}", _UINT64) for drop in Drop),
+    *(make_field(f"Drops.{drop.value}", _UINT64) for drop in OF_BRIDGES),
     make_field("LagP99", BuiltinType.DOUBLE),
     make_field("OldestWaiting", BuiltinType.DOUBLE),
+    make_field(FIGURES_FIELD, BuiltinType.UINT32, array=True),
 )
 """Fields of the status DataSet of every bridge."""
 
@@ -55,7 +57,14 @@ def aside_text(aside: Mapping[str, str]) -> str:
 
 
 def status_values(
-    name: str, kind: str, status: DriverStatus, counters: Counters, *, lag_p99_s: float = 0.0, oldest_s: float = 0.0
+    name: str,
+    kind: str,
+    status: DriverStatus,
+    counters: Counters,
+    *,
+    lag_p99_s: float = 0.0,
+    oldest_s: float = 0.0,
+    figures: Iterable[GroupFigures] = (),
 ) -> tuple[Any, ...]:
     """The values of STATUS_FIELDS now.
 
@@ -66,6 +75,7 @@ def status_values(
         counters: its own.
         lag_p99_s: what 99 of 100 messages needed from the driver's callback to the wire.
         oldest_s: how long the message has waited that waits longest.
+        figures: of its PubSubConnection and WriterGroups.
     """
     return (
         name,
@@ -78,7 +88,8 @@ def status_values(
         counters.to_space,
         counters.gaps,
         counters.looped,
-        *(counters.drops[drop] for drop in Drop),
+        *(counters.drops[drop] for drop in OF_BRIDGES),
         round(lag_p99_s * 1000, 3),
         round(oldest_s * 1000, 3),
+        packed(figures),
     )

@@ -23,20 +23,18 @@ from typing import Any, Final
 
 from ua_fleet.bridge.core import BridgeCore
 from ua_fleet.bridge.driver import Driver, SourceFound
+from ua_fleet.bridge.immediate import ImmediateActions
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.errors import LeaseRefused, StorageUnavailable
 from ua_fleet.pubsub.events import ActionReceived, SetpointReceived
-from ua_fleet.pubsub.metadata import fields_version, type_codes
+from ua_fleet.pubsub.metadata import type_codes
 from ua_fleet.pubsub.publisher import Publisher
-from ua_fleet.skill.executions import ExecutionReport, ExecutionState, Target, pack, unpack
-from ua_fleet.skill.journal import MemoryJournal, RecordedExecution
-from ua_fleet.skill.responder import ActionResponder, Execute, Offer, Respond, ResponderEffect
+from ua_fleet.skill.executions import pack
+from ua_fleet.skill.responder import ResponderLimits
 from ua_fleet.teleoperation import Control, TeleoperationModel
 from ua_fleet.teleoperation.messages import (
     ACQUIRE,
     ACQUIRE_REQUEST,
     ACQUIRE_RESPONSE,
-    ACTION_TARGET_ID,
     LEASE_REQUEST,
     RELEASE,
     RELEASE_REQUEST,
@@ -44,11 +42,10 @@ from ua_fleet.teleoperation.messages import (
     STATUS_FIELDS,
     read_setpoint,
 )
-from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.topics import Topic
 from ua_fleet.transport.addresses import answer_address
-from ua_fleet.values import StatusCode
-from ua_fleet.wire.actions import ActionMessage, encode_action
-from ua_fleet.wire.discovered import ActionTarget
+from ua_fleet.transport.party import Answers
+from ua_fleet.wire.actions import ActionMessage
 from ua_fleet.wire.messages import FieldMetaData
 
 __all__ = ["BridgeTeleoperation"]
@@ -83,6 +80,8 @@ class BridgeTeleoperation:
         caught: Callable[[str, Exception], None],
         told: Callable[[str, str, str], None],
         loop: asyncio.AbstractEventLoop,
+        answers: Answers = answer_address,
+        limits: ResponderLimits | None = None,
     ) -> None:
         """Connect the parts.
 
@@ -103,15 +102,29 @@ class BridgeTeleoperation:
             caught: told of a mistake, with the loop that it happened in.
             told: told for the log what became of a lease, with the robot's name and the holder or the reason.
             loop: for the timer.
+            answers: finds where a response goes.
+            limits: of the responder; the usual ones if left out.
         """
-        self._space, self._publisher, self._counters, self._driver = space, publisher, counters, driver
-        self._core, self._busy, self._send, self._send_to = core, busy, send, send_to
+        self._counters, self._driver, self._core, self._busy = counters, driver, core, busy
         self._wall_ticks, self._caught, self._say, self._loop = wall_ticks, caught, told, loop
         self._controls = {model.robot: Control(model, next_number) for model in models}
         self._by_writer = {model.setpoints.data_set_writer_id: self._controls[model.robot] for model in models}
         self._by_action = {topic.id: self._controls[model.robot] for model in models for topic in model.actions}
-        self._responder = ActionResponder(
-            space, MemoryJournal(), counters, allowed_spaces=requestors, must_be_verified=must_be_verified
+        self._actions = ImmediateActions(
+            space,
+            publisher,
+            counters,
+            self._asked,
+            about="teleoperation",
+            requestors=requestors,
+            must_be_verified=must_be_verified,
+            requests_at_once=_REQUESTS_AT_ONCE,
+            send=send,
+            send_to=send_to,
+            wall_ticks=wall_ticks,
+            caught=caught,
+            answers=answers,
+            limits=limits,
         )
         self._ends: dict[str, int] = {}
         """How many ends of leases were told, by robot."""
@@ -130,21 +143,7 @@ class BridgeTeleoperation:
         for control in self._controls.values():
             model, wall_ticks = control.model, self._wall_ticks()
             for topic, name, request, response in _actions(model):
-                targets = (ActionTarget(ACTION_TARGET_ID, model.robot),)
-                for datagram in self._publisher.announce_action(
-                    topic, name, targets, request, response, now=now, wall_ticks=wall_ticks
-                ):
-                    self._send(datagram)
-                self._responder.offer(
-                    Offer(
-                        Target(*topic, ACTION_TARGET_ID),
-                        type_codes(request),
-                        version=fields_version(request, response),
-                        immediate=True,
-                        requests_at_once=_REQUESTS_AT_ONCE,
-                        spaces=frozenset({SERVER_SPACE}),
-                    )
-                )
+                self._actions.offer(topic, name, model.robot, request, response, now)
             source = SourceFound(model.status, f"{model.robot} teleoperation", STATUS_FIELDS)
             self._core.from_space(source, now=now, wall_ticks=wall_ticks)
             self._core.tell(model.status, control.status().fields(), wall_ticks, now=now)
@@ -173,12 +172,7 @@ class BridgeTeleoperation:
 
     def receive(self, event: ActionReceived, now: float) -> None:
         """Take a request about a lease."""
-        message = event.message
-        reply_to = answer_address(message.response_address, event.sender) if event.sender is not None else None
-        if reply_to is None:
-            self._counters.drop_malformed("response_address")
-            return
-        self._do(self._responder.receive(message, reply_to, now, self._wall_ticks(), verified=event.verified), now)
+        self._actions.receive(event, now)
         self._arm()
 
     def setpoint(self, event: SetpointReceived, now: float) -> None:
@@ -192,29 +186,6 @@ class BridgeTeleoperation:
         if drop is not None:
             self._counters.drop(drop)
             self._arm()  # it may have stopped the robot
-
-    def _do(self, effects: Iterable[ResponderEffect], now: float) -> None:
-        for effect in effects:
-            if isinstance(effect, Execute):
-                self._do(self._answered(effect.execution, now), now)
-            elif isinstance(effect, Respond):
-                to: Any = effect.to
-                self._send_to(encode_action(effect.message), to)
-
-    def _answered(self, execution: RecordedExecution, now: float) -> list[ResponderEffect]:
-        """Do what was asked for; what there is to say of it."""
-        responder, execution_id = self._responder, execution.execution_id
-        values = [variant.value for variant in unpack(execution.content)]
-        try:
-            result = self._asked(execution.target.data_set_writer_id, values, now)
-        except (LeaseRefused, StorageUnavailable) as error:
-            self._counters.drop(Drop.REFUSED)
-            return responder.refused(execution_id, error.ua_status, str(error), now)
-        except Exception as error:  # noqa: BLE001 - one request must not keep the others from being answered
-            self._caught("teleoperation", error)
-            said = "the bridge failed while it did this"
-            return responder.refused(execution_id, StatusCode.BAD_INTERNAL_ERROR, said, now)
-        return responder.ended(execution_id, ExecutionReport(ExecutionState.DONE, result=result), now)
 
     def _asked(self, writer_id: int, values: list[Any], now: float) -> bytes:
         control = self._by_action[writer_id]
@@ -245,7 +216,7 @@ class BridgeTeleoperation:
             self._at_rest.set()
         else:
             self._at_rest.clear()
-        due = [self._responder.next_deadline()]
+        due = [self._actions.next_deadline()]
         for control in self._controls.values():
             due += [at - self._slept_s for at in (control.next_step, control.next_publish) if at is not None]
         at = max(min((each for each in due if each is not None), default=math.inf), self._not_before)
@@ -266,7 +237,7 @@ class BridgeTeleoperation:
                 self._not_before = now + _PAUSE_S
                 self._caught("teleoperation", error)
         try:
-            self._do(self._responder.poll(now), now)
+            self._actions.poll(now)
         except Exception as error:  # noqa: BLE001 - whatever is wrong with an answer, the robots go on
             self._not_before = now + _PAUSE_S
             self._caught("teleoperation", error)

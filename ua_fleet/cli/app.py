@@ -71,6 +71,7 @@ def _build() -> typer.Typer:
         decision,
         drive,
         healthcheck,
+        history,
         keys,
         login,
         modbus,
@@ -78,6 +79,9 @@ def _build() -> typer.Typer:
         pubsub,
         pubsub_decode,
         pubsub_probe,
+        pubsub_record,
+        pubsub_relay,
+        pubsub_replay,
         read,
         robot,
         scenario,
@@ -103,6 +107,7 @@ def _build() -> typer.Typer:
     _add(whole, "read", read.read, read.EXAMPLES)
     _add(whole, "write", write.write, write.EXAMPLES)
     _add(whole, "watch", watch.watch, watch.EXAMPLES)
+    _add(whole, "history", history.history, history.EXAMPLES)
     _add(whole, "drive", drive.drive, drive.EXAMPLES)
     _add(whole, "console", console.console, console.EXAMPLES)
     _add(whole, "healthcheck", healthcheck.healthcheck, healthcheck.EXAMPLES)
@@ -130,6 +135,10 @@ def _build() -> typer.Typer:
     _add(groups["pubsub"], "listen", pubsub.listen, pubsub.EXAMPLES)
     _add(groups["pubsub"], "probe", pubsub_probe.probe, pubsub_probe.EXAMPLES)
     _add(groups["pubsub"], "decode", pubsub_decode.decode, pubsub_decode.EXAMPLES)
+    _add(groups["pubsub"], "record", pubsub_record.record, pubsub_record.RECORD_EXAMPLES)
+    _add(groups["pubsub"], "replay", pubsub_replay.replay, pubsub_replay.EXAMPLES)
+    _add(groups["pubsub"], "relay", pubsub_relay.relay, pubsub_relay.EXAMPLES)
+    _add(groups["pubsub"], "export", pubsub_record.export, pubsub_record.EXPORT_EXAMPLES)
     _add(groups["modbus"], "serve", modbus.serve, modbus.SERVE_EXAMPLES)
     _add(groups["modbus"], "map", modbus.show_map, modbus.MAP_EXAMPLES)
     _add(groups["scenario"], "list", scenario.show, scenario.LIST_EXAMPLES)

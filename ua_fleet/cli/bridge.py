@@ -42,15 +42,13 @@ def bridge(
     from ua_fleet.bridge.registry import load_driver
     from ua_fleet.bridge.runner import run_bridge
     from ua_fleet.config.teleoperation import setpoint_heads
+    from ua_fleet.config.transports import open_transports
     from ua_fleet.monitoring import ProcessKind
-    from ua_fleet.transport.udp import UdpTransport
 
-    pubsub = fleet.pubsub
-    transport = UdpTransport(
-        pubsub.url,
-        pubsub.interface,
-        ttl=pubsub.ttl,
-        receive_buffer_bytes=pubsub.receive_buffer_bytes,
+    transports = open_transports(
+        fleet,
+        config.resolve().parent,
+        space=fleet.bridges[name].space,
         hears_itself=without_loop_rule,
         urgent_heads=setpoint_heads(fleet, fleet.bridges[name].space),
     )
@@ -79,7 +77,7 @@ def bridge(
                 fleet,
                 name,
                 driver,
-                transport,
+                transports,
                 state_dir=state_dir,
                 keys=keys,
                 ready=ready,

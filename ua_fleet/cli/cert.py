@@ -1,4 +1,4 @@
-"""`ua-fleet cert`: the certificates of the server and the bridges, and which clients the server trusts."""
+"""`ua-fleet cert`: the certificates of the server, the bridges and the relays, and which clients the server trusts."""
 
 from __future__ import annotations
 
@@ -53,7 +53,9 @@ REVOKE_EXAMPLES = (
     "ua-fleet cert revoke --gateway console",
 )
 
-_BridgeName = Annotated[str | None, typer.Option("--bridge", help="Name of a bridge of the configuration file.")]
+_BridgeName = Annotated[
+    str | None, typer.Option("--bridge", help="Name of a bridge or relay of the configuration file.")
+]
 _GatewayName = Annotated[
     str | None,
     typer.Option("--gateway", help="Name for a client through which several users log in, such as a console."),
@@ -144,7 +146,7 @@ def _renew_server(fleet: FleetConfig, config: Path) -> CertificateFiles:
     from ua_fleet.server.mutual_trust import renew_server
 
     made, pinned = renew_server(fleet, config.resolve().parent)
-    others = [name for name in fleet.bridges if name not in pinned]
+    others = [name for name in (*fleet.bridges, *fleet.relays) if name not in pinned]
     message("restart the server; clients that trusted the old certificate must trust the new one")
     if pinned:
         message(f"these bridges trust the new one: {', '.join(pinned)}")
@@ -156,8 +158,10 @@ def _renew_server(fleet: FleetConfig, config: Path) -> CertificateFiles:
 
 
 def _check_bridge(fleet: FleetConfig, config: Path, name: str) -> None:
-    if name not in fleet.bridges:
-        raise NotFound(f"{config}: there is no bridge {name!r}; bridges there: {', '.join(fleet.bridges) or 'none'}")
+    if name not in fleet.bridges and name not in fleet.relays:
+        relays = f"; relays: {', '.join(fleet.relays)}" if fleet.relays else ""
+        there = ", ".join(fleet.bridges) or "none"
+        raise NotFound(f"{config}: there is no bridge {name!r}; bridges there: {there}{relays}")
 
 
 def _create_for_bridge(

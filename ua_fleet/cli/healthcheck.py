@@ -47,7 +47,7 @@ def healthcheck(
 ) -> None:
     """Check the health of one process and print it in one line; the exit code is 0 if it is well, and 1 if not.
 
-    The server, each bridge and the Modbus gateway answer whether they are ready. Any other program is well while its
-    TCP port accepts connections, or while it touches a file.
+    The server, each bridge and relay, and the Modbus gateway answer whether they are ready. Any other program is well
+    while its TCP port accepts connections, or while it touches a file.
     """
     raise typer.Exit(tell(check(HealthQuestion(at, state_dir, live, tcp, heartbeat, within, timeout)), as_json=as_json))

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
     from ua_fleet.keys.source import KeySource
 
-__all__ = ["key_source_of", "service_endpoint", "service_keys_of"]
+__all__ = ["key_source_of", "relay_key_source_of", "service_endpoint", "service_keys_of"]
 
 _ANY_ADDRESS = ("0.0.0.0", "::")
 
@@ -33,13 +33,29 @@ def key_source_of(
         ConfigError: the bridge cannot begin with its key files.
         BridgeUnavailable: keys come from the service, and its client is not installed.
     """
+    from ua_fleet.config.connections import needs_keys
     from ua_fleet.config.security import file_keys_of
 
-    if config.pubsub.security == "none":
+    space = config.bridges[bridge_name].space
+    if not needs_keys(config, space):
         return nullcontext()
     if config.pubsub.keys.source == "files":
-        return nullcontext(file_keys_of(config, config.bridges[bridge_name].space, config_dir))
+        return nullcontext(file_keys_of(config, space, config_dir))
     return service_keys_of(config, bridge_name, state_dir)
+
+
+def relay_key_source_of(
+    config: FleetConfig, name: str, config_dir: Path, state_dir: Path
+) -> AbstractAsyncContextManager[KeySource | None]:
+    """The same of a relay's keys."""
+    from ua_fleet.config.relays import relay_connections
+    from ua_fleet.config.security import relay_keys_of
+
+    if not any(config.connections[number].is_secured for number in relay_connections(config, name)):
+        return nullcontext()
+    if config.pubsub.keys.source == "files":
+        return nullcontext(relay_keys_of(config, name, config_dir))
+    return service_keys_of(config, name, state_dir)
 
 
 def service_keys_of(config: FleetConfig, bridge_name: str, state_dir: Path) -> AbstractAsyncContextManager[KeySource]:

@@ -34,8 +34,8 @@ def _folder(path: Path) -> tuple[FleetConfig, KeyFolder]:
 
     config = load_config(path, allow_missing_ids=True)
     folder = KeyFolder(path.resolve().parent / config.pubsub.keys.folder)
-    if config.pubsub.security == "none":
-        message(f"{path} has pubsub.security: none, so no process uses these files")
+    if not config.is_secured:
+        message(f"{path} has pubsub.security: {config.pubsub.security.value}, so no process uses these files")
     elif config.pubsub.keys.source != "files":
         message(f"{path} takes keys from the service; for these files write pubsub.keys.source: files")
     return config, folder
@@ -44,13 +44,18 @@ def _folder(path: Path) -> tuple[FleetConfig, KeyFolder]:
 def _checked(groups: list[str] | None) -> list[str]:
     for group_id in groups or []:
         if not _is_group(group_id):
-            raise UsageError(f"{group_id!r} is no SecurityGroup; name one like t-2 (data of space 2) or c-2 (commands)")
+            raise UsageError(
+                f"{group_id!r} is no SecurityGroup; name one like t-2 (data of space 2), c-2 (its commands) or r-gate "
+                "(a relay)"
+            )
     return groups or []
 
 
 def _is_group(group_id: str) -> bool:
-    from ua_fleet.pubsub.security.groups import command_group, telemetry_group
+    from ua_fleet.pubsub.security.groups import command_group, is_group, relay_group, telemetry_group
 
+    if group_id.startswith(relay_group("")):
+        return is_group(group_id)
     try:
         space = check_space(int(group_id[2:]))
     except (ValueError, TopicInvalid):

@@ -7,6 +7,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, Final, cast
 
 from ua_fleet.cli.discovery_json import announcement_as_json
@@ -17,6 +18,7 @@ from ua_fleet.counters import Drop
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.pubsub.events import (
     DataReceived,
+    EventReceived,
     MetaDataReceived,
     SourceReturned,
     SourceSilent,
@@ -29,6 +31,7 @@ from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.teleoperation.messages import read_setpoint
 from ua_fleet.topics import LoopVerdict, Side
 from ua_fleet.transport.base import Address, Transport
+from ua_fleet.transport.party import Brokered, tool_party
 from ua_fleet.values import BuiltinType, Variant, datetime_from_ticks, status_name
 from ua_fleet.wire import ActionMessage, Codec
 from ua_fleet.wire.messages import DataSetMessage, FieldMetaData, FrameKind, MetaDataAnnouncement, NetworkMessage, Probe
@@ -91,6 +94,8 @@ class MessagePrinter:
     async def listen(self, transport: Transport, keys: ToolKeys | None = None) -> None:
         """Listen until enough lines are printed, or cancelled; then the transport is closed."""
         self._transport = transport
+        if isinstance(transport, Brokered):
+            transport.speak_for(tool_party(partial(self._receive, is_fresh=False)))
         loop = asyncio.get_running_loop()
         try:
             await transport.start(self._receive)
@@ -109,14 +114,14 @@ class MessagePrinter:
         finally:
             await transport.close()
 
-    def _receive(self, datagram: bytes, _sender: Address) -> None:
+    def _receive(self, datagram: bytes, _sender: Address, *, is_fresh: bool = True) -> None:
         now = asyncio.get_running_loop().time()
-        opened = self._opener.open(datagram, now)
+        opened = self._opener.open(datagram, now, is_fresh=is_fresh)
         if opened.plain is not None:
             shown = self._count(opened.plain)
             if shown is not None:
                 self._print({**shown, **security_as_json(opened)})
-            self._show(self._subscriber.receive(opened.plain, now), opened)
+            self._show(self._subscriber.receive(opened.plain, now, is_fresh=is_fresh), opened)
         elif opened.drop not in (None, Drop.MALFORMED):
             self._print(refused_as_json(opened, len(datagram)))
         self._changed.set()
@@ -153,7 +158,7 @@ class MessagePrinter:
         for event in events:
             if isinstance(event, SourceUnknown):
                 if event.datagram is not None and self._transport is not None:
-                    self._transport.send(event.datagram)
+                    self._opener.send(self._transport, event.datagram)
                 continue
             shown = _described(event)
             if shown is not None:
@@ -220,11 +225,11 @@ def refused_as_json(opened: OpenedDatagram, size: int) -> dict[str, Any]:
 
 def _described(event: SubscriberEvent) -> dict[str, Any] | None:
     """One line of output as data; None for what listeners do not care about."""
-    if isinstance(event, DataReceived):
+    if isinstance(event, DataReceived | EventReceived):
         frame, metadata = event.message, event.metadata
         values = zip(metadata.fields, frame.values, strict=True)
         return {
-            "event": "data",
+            "event": "data" if isinstance(event, DataReceived) else "event",
             "topic": event.topic.name,
             "name": metadata.name,
             "time": None if frame.timestamp is None else datetime_from_ticks(frame.timestamp).isoformat(),

@@ -11,8 +11,9 @@ from typing import Final, NamedTuple
 
 from ua_fleet.cli.key_source import service_keys_of
 from ua_fleet.cli.output import message
-from ua_fleet.config.schema import FleetConfig, PubSubSecurity
-from ua_fleet.config.security import all_groups, security_mode_of
+from ua_fleet.config.relays import relays_of_publishers
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.security import all_groups, publisher_ids, security_mode_of
 from ua_fleet.config.teleoperation import setpoint_groups
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import ConfigError, KeySourceUnavailable, KeysRefused, RemoteWireError
@@ -22,6 +23,7 @@ from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.security.nonces import MemoryNonces
 from ua_fleet.pubsub.security.refused import DatagramRefused
+from ua_fleet.transport.base import Transport
 from ua_fleet.wire.security import MessageKey, SecuredDatagram, SecurityMode, SecurityPolicy, read_security
 
 __all__ = [
@@ -31,6 +33,7 @@ __all__ = [
     "Opener",
     "ToolKeys",
     "lacks_keys",
+    "source_of",
     "tool_envelope",
     "tool_keys",
 ]
@@ -75,8 +78,8 @@ class Opener:
         self.counters = counters
         self._envelope, self._key = envelope, key
 
-    def open(self, datagram: bytes, now: float) -> OpenedDatagram:
-        """Take one datagram."""
+    def open(self, datagram: bytes, now: float, *, is_fresh: bool = True) -> OpenedDatagram:
+        """Take one datagram; `is_fresh` as in `Envelope.open`."""
         try:
             heard = read_security(datagram)
         except RemoteWireError as error:
@@ -88,7 +91,7 @@ class Opener:
                 if self._key is None:
                     return self._dropped(heard, Drop.SECURED, None, "")
                 datagram = self._key.unprotect(heard)
-            plain = self._envelope.open(datagram, now)
+            plain = self._envelope.open(datagram, now, is_fresh=is_fresh)
         except DatagramRefused as refused:
             return self._dropped(heard, refused.drop, _verdict(refused.drop), refused.detail)
         except RemoteWireError as error:
@@ -101,6 +104,11 @@ class Opener:
         if plain is None and is_secured and self._envelope.is_setpoint(heard):
             return self._dropped(heard, Drop.SECURED, None, "a setpoint of a group whose keys we do not have")
         return OpenedDatagram(plain, heard, True if is_secured else None)
+
+    def send(self, transport: Transport, probe: bytes) -> None:
+        """Send a probe, which nothing secures."""
+        for datagram in self._envelope.seal(probe, 0.0):
+            transport.send(datagram)
 
     def _dropped(self, heard: SecuredDatagram, drop: Drop, verified: bool | None, reason: str) -> OpenedDatagram:
         self.counters.drop(drop)
@@ -115,7 +123,7 @@ def _verdict(drop: Drop) -> bool | None:
 def lacks_keys(fleet: FleetConfig, as_bridge: str | None) -> bool:
     """Whether a tool can have no keys of this fleet: the service has them, and wants to see a bridge's certificate."""
     pubsub = fleet.pubsub
-    return pubsub.security is not PubSubSecurity.NONE and pubsub.keys.source == "service" and as_bridge is None
+    return pubsub.is_secured and pubsub.keys.from_server and as_bridge is None
 
 
 def tool_envelope(fleet: FleetConfig | None, counters: Counters) -> Envelope:
@@ -126,7 +134,7 @@ def tool_envelope(fleet: FleetConfig | None, counters: Counters) -> Envelope:
     envelope = Envelope(
         TOOL_SPACE,
         counters,
-        mode=security_mode_of(fleet),
+        mode=security_mode_of(fleet.pubsub),
         nonces=MemoryNonces(),
         relaxed_replay=pubsub.relaxed_replay,
         max_datagram_bytes=pubsub.max_datagram_bytes,
@@ -134,8 +142,10 @@ def tool_envelope(fleet: FleetConfig | None, counters: Counters) -> Envelope:
         past_keys=pubsub.keys.past_keys,
         asks_for_all=pubsub.keys.source == "files",
         setpoint_groups=setpoint_groups(fleet),
+        publisher_ids=publisher_ids(fleet),
+        relayed=relays_of_publishers(fleet, 0),
     )
-    if pubsub.security is not PubSubSecurity.NONE:
+    if pubsub.is_secured:
         for group_id in all_groups(fleet):
             envelope.want(group_id)
     return envelope
@@ -187,18 +197,19 @@ async def tool_keys(
         config_dir: the folder of `fleet.yaml`.
         as_bridge: the bridge whose certificate the key service is asked with.
     """
-    if fleet.pubsub.security is PubSubSecurity.NONE:
+    if not fleet.pubsub.is_secured:
         yield None
         return
-    async with _source(fleet, config_dir, as_bridge) as source:
+    async with source_of(fleet, config_dir, as_bridge) as source:
         keys = ToolKeys(envelope, source)
         await keys.refresh()
         yield keys
 
 
-def _source(
+def source_of(
     fleet: FleetConfig, config_dir: Path, as_bridge: str | None
 ) -> contextlib.AbstractAsyncContextManager[KeySource]:
+    """Where a tool gets keys of a fleet from; raises ConfigError for a bridge that there is not."""
     keys = fleet.pubsub.keys
     if keys.source == "files":
         return contextlib.nullcontext(FileKeySource(config_dir / keys.folder, SecurityPolicy.named(keys.policy)))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from typing import Final
 
 from ua_fleet.cli.kind import HealthKind
 from ua_fleet.cli.opening import REFRESH_S, Opener, ToolKeys
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.transport.base import Address, Transport
+from ua_fleet.transport.party import Brokered, tool_party
 from ua_fleet.wire import Codec, encode_probe
 from ua_fleet.wire.discovered import (
     ActionMetaDataAnnouncement,
@@ -89,6 +91,8 @@ class Prober:
     async def ask(self, transport: Transport, keys: ToolKeys | None, timeout_s: float) -> None:
         """Ask until no more answers come, or the time is over; then the transport is closed."""
         self._transport = transport
+        if isinstance(transport, Brokered):
+            transport.speak_for(tool_party(partial(self._receive, is_fresh=False)))
         loop = asyncio.get_running_loop()
         try:
             await transport.start(self._receive)
@@ -136,11 +140,11 @@ class Prober:
 
     def _send(self, probe: Probe) -> None:
         if self._transport is not None:
-            self._transport.send(encode_probe(probe))
+            self._opener.send(self._transport, encode_probe(probe))
 
-    def _receive(self, datagram: bytes, _sender: Address) -> None:
+    def _receive(self, datagram: bytes, _sender: Address, *, is_fresh: bool = True) -> None:
         now = asyncio.get_running_loop().time()
-        opened = self._opener.open(datagram, now)
+        opened = self._opener.open(datagram, now, is_fresh=is_fresh)
         if opened.plain is None:
             return
         try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from contextlib import nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,11 +14,12 @@ from ua_fleet.cli.logs import set_up_logging
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, load_config
 from ua_fleet.cli.output import message
 from ua_fleet.cli.process import run
+from ua_fleet.cli.pubsub_connection import ConnectionName, on_connection
 from ua_fleet.errors import SendTimeout
 
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
-    from ua_fleet.transport.udp import UdpTransport
+    from ua_fleet.transport.base import Transport
 
 __all__ = ["EXAMPLES", "listen", "transport_of"]
 
@@ -30,19 +32,24 @@ EXAMPLES = (
 )
 
 
-def transport_of(fleet: FleetConfig | None, url: str | None, interface: str | None) -> UdpTransport:
-    """Where a tool listens: as the options say, otherwise as the configuration file does."""
+def transport_of(fleet: FleetConfig | None, folder: Path, url: str | None, interface: str | None) -> Transport:
+    """Where a tool listens: as the options say, otherwise as the configuration file in a folder does."""
+    if fleet is not None:
+        from ua_fleet.config.transports import open_transport
+
+        return open_transport(fleet, folder, space=None, url=url, interface=interface)
+    from ua_fleet.transport.mqtt.address import is_broker_url
+
+    if is_broker_url(url or ""):
+        from ua_fleet.transport.mqtt.credentials import Credentials
+        from ua_fleet.transport.mqtt.topics import TopicTree
+        from ua_fleet.transport.mqtt.transport import MqttTransport
+
+        has_tls = (url or "").startswith("mqtts:")
+        return MqttTransport(url or "", TopicTree(), Credentials.read(folder, has_tls=has_tls))
     from ua_fleet.transport.udp import UdpTransport
 
-    if fleet is None:
-        return UdpTransport(url or "", interface or "lo")
-    pubsub = fleet.pubsub
-    return UdpTransport(
-        url or pubsub.url,
-        interface or pubsub.interface,
-        ttl=pubsub.ttl,
-        receive_buffer_bytes=pubsub.receive_buffer_bytes,
-    )
+    return UdpTransport(url or "", interface or "lo")
 
 
 def listen(
@@ -61,6 +68,7 @@ def listen(
     as_bridge: Annotated[
         str | None, typer.Option(metavar="NAME", help="Ask the key service with the certificate of this bridge.")
     ] = None,
+    connection: ConnectionName = None,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
@@ -84,8 +92,8 @@ def listen(
     one_key = None if key is None else key_of(key)
     fleet = None
     if url is None or config != DEFAULT_CONFIG:
-        fleet = load_config(config, allow_missing_ids=True)
-    transport, counters = transport_of(fleet, url, interface), Counters()
+        fleet = on_connection(load_config(config, allow_missing_ids=True), connection)
+    transport, counters = transport_of(fleet, config.resolve().parent, url, interface), Counters()
     if one_key is not None:
         keyed = None
     elif fleet is not None and lacks_keys(fleet, as_bridge):

@@ -14,6 +14,7 @@ from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, load_config
 from ua_fleet.cli.output import message, print_json, print_table
 from ua_fleet.cli.process import run
 from ua_fleet.cli.pubsub import transport_of
+from ua_fleet.cli.pubsub_connection import ConnectionName, on_connection
 from ua_fleet.errors import SendTimeout
 
 __all__ = ["EXAMPLES", "nothing_heard", "probe"]
@@ -42,6 +43,7 @@ def probe(
     as_bridge: Annotated[
         str | None, typer.Option(metavar="NAME", help="Ask the key service with the certificate of this bridge.")
     ] = None,
+    connection: ConnectionName = None,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
@@ -60,9 +62,9 @@ def probe(
 
     fleet = None
     if url is None or config != DEFAULT_CONFIG:
-        fleet = load_config(config, allow_missing_ids=True)
+        fleet = on_connection(load_config(config, allow_missing_ids=True), connection)
     keyed = None if fleet is None or lacks_keys(fleet, as_bridge) else fleet
-    transport, counters = transport_of(fleet, url, interface), Counters()
+    transport, counters = transport_of(fleet, config.resolve().parent, url, interface), Counters()
     envelope = tool_envelope(keyed, counters)
     prober = Prober(kind, publisher_id, Opener(counters, envelope))
     keys_of_fleet = nullcontext() if keyed is None else tool_keys(keyed, envelope, config.resolve().parent, as_bridge)

@@ -14,7 +14,7 @@ from ua_fleet.cli.value_text import ValueStyle, age_text, clock_text, value_text
 from ua_fleet.drop_meanings import drop_meanings, is_loss
 
 if TYPE_CHECKING:
-    from ua_fleet.client.status import FaultStatus, FleetStatus, RobotStatus
+    from ua_fleet.client.status import FaultStatus, FleetStatus, NamespaceStatus, RobotStatus
 
 __all__ = ["StatusProblem", "problems_of", "status_json", "status_lines"]
 
@@ -53,6 +53,8 @@ def problems_of(status: FleetStatus, now: datetime) -> list[StatusProblem]:
             found.append(StatusProblem(f"bridge {bridge.name} is not heard", f"ua-fleet bridge {bridge.name}"))
         elif bridge.connected is False:
             found.append(StatusProblem(f"bridge {bridge.name} is not connected: {bridge.detail}", ""))
+    if status.namespace is not None and not status.namespace.connected:
+        found.append(StatusProblem(f"the Unified Namespace is not published: {status.namespace.detail}", ""))
     active = [fault for fault in status.faults if fault.active]
     found += [StatusProblem(f"{fault.fault_id}: {fault.reason}", _remedy(fault)) for fault in active]
     told = {fault.robot for fault in active}
@@ -152,6 +154,8 @@ def status_lines(
             ),
         ]
     )
+    if status.namespace is not None:
+        lines += ["", head("Unified Namespace", _namespace(status.namespace))]
     lines += ["", head("robots", _robots(status.robots))]
     listed = list(status.robots)
     if len(listed) > MOST_ROBOTS and not all_robots:
@@ -194,6 +198,8 @@ def status_lines(
         )
     lines += ["", head("drops", "messages dropped since each process started")]
     places = [("server", status.drops), *((bridge.name, bridge.drops) for bridge in status.bridges)]
+    if status.namespace is not None:
+        places.append(("Unified Namespace", status.namespace.drops))
     total = Counter[str]()
     for _, drops in places:
         total.update(drops)
@@ -234,6 +240,11 @@ def _bridge(online: bool, connected: bool | None) -> tuple[Cell]:
     if connected is False:
         return (Cell("not connected", Colour.BAD),)
     return (Cell("connected" if connected else "heard", Colour.GOOD),)
+
+
+def _namespace(namespace: NamespaceStatus) -> str:
+    text = f"{namespace.topics:,} topics, {namespace.published:,} messages published"
+    return f"{namespace.detail}  {text}" if namespace.connected else f"not connected  {text}"
 
 
 def _robots(robots: Sequence[RobotStatus]) -> str:

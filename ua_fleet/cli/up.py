@@ -1,4 +1,4 @@
-"""`ua-fleet up`: the server and all bridges of a fleet in one terminal, for trying."""
+"""`ua-fleet up`: the server, all bridges and all relays of a fleet in one terminal, for trying."""
 
 from __future__ import annotations
 
@@ -40,22 +40,23 @@ _COLORS: Final = (36, 33, 32, 35, 34, 96, 93, 92, 95, 94)
 
 def up(
     bridges: Annotated[
-        list[str] | None, typer.Argument(help="Only these bridges; without names, all bridges of the file.")
+        list[str] | None, typer.Argument(help="Only these bridges and relays; without names, all of the file.")
     ] = None,
     config: Config = DEFAULT_CONFIG,
 ) -> None:
-    """Run the server and all bridges of a fleet in this terminal until Ctrl-C, for trying.
+    """Run the server, all bridges and all relays of a fleet in this terminal until Ctrl-C, for trying.
 
-    Each is a process of its own, as with `ua-fleet serve` and `ua-fleet bridge`, and its lines begin with its name. If
-    a bridge cannot run here, or ends, a line gives the reason, and the other bridges go on. A bridge that needs a
-    certificate to get its keys, and has none yet, gets one that the server trusts. For permanent operation, run each as
-    a service.
+    Each is a process of its own, as with `ua-fleet serve`, `ua-fleet bridge` and `ua-fleet pubsub relay`, and its lines
+    begin with its name. If one cannot run here, or ends, a line gives the reason, and the others go on. A bridge or
+    relay that needs a certificate to get its keys, and has none yet, gets one that the server trusts. For permanent
+    operation, run each as a service.
     """
     fleet = load_config(config)
-    wanted = tuple(dict.fromkeys(bridges or fleet.bridges))
-    if unknown := [name for name in wanted if name not in fleet.bridges]:
-        there = ", ".join(fleet.bridges) or "none"
-        raise NotFound(f"{config}: there is no bridge {unknown[0]!r}; bridges there: {there}")
+    known = (*fleet.bridges, *fleet.relays)
+    wanted = tuple(dict.fromkeys(bridges or known))
+    if unknown := [name for name in wanted if name not in known]:
+        there = ", ".join(known) or "none"
+        raise NotFound(f"{config}: there is no bridge or relay {unknown[0]!r}; there are: {there}")
     run(_up(fleet, config, config.resolve().parent, wanted))
 
 
@@ -64,11 +65,11 @@ async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[s
     await _introduce(fleet, folder, wanted)
     shown = _Shown(["server", *wanted])
 
-    def told(bridge: _Running) -> None:
-        reason = f": {bridge.last}" if bridge.last else ""
+    def told(ended: _Running) -> None:
+        reason = f": {ended.last}" if ended.last else ""
         message(
-            f"bridge {bridge.name} {bridge.how}{reason}; the others go on; to start it again, in another terminal: "
-            f"ua-fleet bridge {bridge.name}{option}"
+            f"{_kind_of(fleet, ended.name)} {ended.name} {ended.how}{reason}; the others go on; to start it again, in "
+            f"another terminal: ua-fleet {' '.join(_command_of(fleet, ended.name))}{option}"
         )
 
     server = _Running("server", shown)
@@ -79,7 +80,7 @@ async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[s
             raise typer.Exit(server.code or EXIT_FAILED)
         _tell_how_to_log_in(fleet, folder, option, endpoint)
         for name in wanted:
-            python = _python_of(fleet.bridges[name].kind)
+            python = sys.executable if name in fleet.relays else _python_of(fleet.bridges[name].kind)
             if python is None:
                 message(
                     f"bridge {name} is not started: it needs rospy, and no interpreter with it was found; run: "
@@ -88,7 +89,7 @@ async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[s
                 continue
             bridge = _Running(name, shown, told)
             running.append(bridge)
-            await bridge.start([python, "-m", "ua_fleet.cli", "bridge", name, "--config", str(config)])
+            await bridge.start([python, "-m", "ua_fleet.cli", *_command_of(fleet, name), "--config", str(config)])
         await shown.while_read(server.ended())
         message(f"the server {server.how}, and the bridges with it")
         raise typer.Exit(server.code or EXIT_FAILED)
@@ -99,7 +100,7 @@ async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[s
 
 async def _introduce(fleet: FleetConfig, folder: Path, wanted: Sequence[str]) -> None:
     """Give the bridges certificates by which the server knows them, where they need one and have none."""
-    if fleet.pubsub.security == "none" or fleet.pubsub.keys.source != "service":
+    if not fleet.is_secured or not fleet.pubsub.keys.from_server:
         return
     with extra_needed("the server", "server"):
         from ua_fleet.client import ClientIdentity
@@ -108,7 +109,16 @@ async def _introduce(fleet: FleetConfig, folder: Path, wanted: Sequence[str]) ->
     for name in wanted:
         if not ClientIdentity.of_bridge(folder / fleet.state_dir_of(name), fleet.fleet.name, name).certificate.exists():
             await introduce_bridge(fleet, folder, name)
-            message(f"bridge {name} has a certificate now, and the server knows it")
+            message(f"{_kind_of(fleet, name)} {name} has a certificate now, and the server knows it")
+
+
+def _kind_of(fleet: FleetConfig, name: str) -> str:
+    return "relay" if name in fleet.relays else "bridge"
+
+
+def _command_of(fleet: FleetConfig, name: str) -> list[str]:
+    """What runs a bridge or a relay."""
+    return ["pubsub", "relay", name] if name in fleet.relays else ["bridge", name]
 
 
 def _python_of(kind: str) -> str | None:

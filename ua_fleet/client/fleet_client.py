@@ -26,6 +26,7 @@ from ua_fleet.client.convert import parse_value
 from ua_fleet.client.details import ValueDetails, value_details
 from ua_fleet.client.events import Told, told_by
 from ua_fleet.client.finding import Finder, SelectedNode
+from ua_fleet.client.history import HistoryWanted, read_history
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.known_servers import Meeting, application_uri_of
 from ua_fleet.client.model_changes import ModelChanges, model_changes
@@ -239,6 +240,10 @@ class FleetClient:
             if reading.status == ua.StatusCodes.BadAttributeIdInvalid:
                 raise NodeNotFound(f"{address} has no value; look below it with: ua-fleet browse {address}")
         return readings
+
+    def history(self, node_id: str, wanted: HistoryWanted) -> AsyncGenerator[Reading]:
+        """What the server has kept of a node's value; raises as `read_history`."""
+        return read_history(self._client, self.endpoint, node_id, wanted)
 
     async def attributes(self, address: str) -> list[NodeAttribute]:
         """All attributes of a node but its value; NodeNotFound where there is no such node."""

@@ -167,7 +167,10 @@ class ServiceKeySource:
     def _refusal(self, error: AccessRefused) -> str:
         if error.ua_status == StatusCodes.BadUserAccessDenied:
             return f"bridge {self._bridge_name} may not have them; see `requestors` in the server's fleet.yaml"
-        return f"{self._endpoint} has no such group; give the server the same fleet.yaml, and restart it"
+        return (
+            f"{self._endpoint} has no keys of such a group; give the server the same fleet.yaml, and restart it; with "
+            "`source: pushed` its key service has to push them"
+        )
 
     def _explain(self, error: UaFleetError) -> str:
         """Why there is no key service to ask now, and what to do about it."""

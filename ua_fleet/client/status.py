@@ -29,6 +29,7 @@ __all__ = [
     "BridgeStatus",
     "FaultStatus",
     "FleetStatus",
+    "NamespaceStatus",
     "OpenDecision",
     "RobotStatus",
     "RunStatus",
@@ -134,6 +135,21 @@ class RunStatus:
 
 
 @dataclass(frozen=True, slots=True)
+class NamespaceStatus:
+    """The Unified Namespace."""
+
+    connected: bool
+    """Whether its broker is."""
+    detail: str
+    """The broker, or why it is not connected."""
+    topics: int
+    published: int
+    """Messages that the broker has acknowledged."""
+    drops: Mapping[str, int]
+    """By cause, those that are not 0."""
+
+
+@dataclass(frozen=True, slots=True)
 class OpenDecision:
     """A decision that waits for a person."""
 
@@ -155,6 +171,8 @@ class FleetStatus:
     decisions: tuple[OpenDecision, ...]
     drops: Mapping[str, int] = field(default_factory=dict[str, int])
     """Of the server, by cause, those that are not 0."""
+    namespace: NamespaceStatus | None = None
+    """None where there is none."""
 
 
 class _Values:
@@ -202,6 +220,7 @@ async def fleet_status(client: FleetClient, *, all_values: bool = False) -> Flee
             runs,
             await _decisions(client),
             await _drops(client, "ns=2;s=Fleet.Traffic.Drops"),
+            await _namespace(client),
         )
 
 
@@ -306,6 +325,23 @@ async def _drops(client: FleetClient, folder: str) -> dict[str, int]:
     values = await _read(client, [cause.NodeId.to_string() for cause in causes])
     counts = {str(cause.BrowseName.Name): values.value(cause.NodeId.to_string()) for cause in causes}
     return {name: count for name, count in counts.items() if count}
+
+
+async def _namespace(client: FleetClient) -> NamespaceStatus | None:
+    node = "ns=2;s=Fleet.UnifiedNamespace"
+    (members,) = await client.batches.browse([ua.NodeId.from_string(node)])
+    if not members:
+        return None
+    names = ("Connected", "Detail", "Topics", "Published")
+    values = await _read(client, [f"{node}.{name}" for name in names])
+    connected, detail, topics, published = (values.value(f"{node}.{name}") for name in names)
+    return NamespaceStatus(
+        connected is True,
+        str(detail or ""),
+        int(topics or 0),
+        int(published or 0),
+        await _drops(client, f"{node}.Drops"),
+    )
 
 
 async def _robots(client: FleetClient, runs: Sequence[RunStatus], *, all_values: bool) -> tuple[RobotStatus, ...]:

@@ -3,29 +3,40 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from typing import Final
 
+from ua_fleet.config.broker_checks import check_broker
+from ua_fleet.config.json_checks import check_json
 from ua_fleet.config.parts import Parts
 from ua_fleet.config.resilience_checks import check_resilience
 from ua_fleet.config.schema import (
     DataSetConfig,
     FieldConfig,
-    PubSubSecurity,
     ScalarType,
     value_name,
 )
+from ua_fleet.config.source_schema import PublishedSourceConfig
 from ua_fleet.config.teleoperation_checks import check_teleoperation
 from ua_fleet.config.teleoperation_schema import TELEOPERATION_IDS
 from ua_fleet.document import KeyPath, key_text
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.fleet.model import FLEET_NAMESPACE
 from ua_fleet.names import closest, listed
-from ua_fleet.topics import check_space
+from ua_fleet.topics import SERVER_SPACE, check_space
+from ua_fleet.wire.messages import PublisherIdType
 from ua_fleet.wire.metadata import MOST_DESCRIBED
 
-__all__ = ["Parts", "check_all", "check_ids_given", "check_namespaces", "check_robots", "no_namespace"]
+__all__ = [
+    "Parts",
+    "check_all",
+    "check_ids_given",
+    "check_namespaces",
+    "check_publisher_ids",
+    "check_robots",
+    "no_namespace",
+]
 
 MOST_FIELDS: Final = MOST_DESCRIBED - 10
 """Of a data source: with its properties (type, definition and age of its messages) it has no more parts than are
@@ -57,6 +68,25 @@ def _check_spaces(parts: Parts) -> None:
             )
 
 
+def check_publisher_ids(parts: Parts, sources: Mapping[str, PublishedSourceConfig]) -> None:
+    """A PublisherId on the wire is that of one publisher: of a bridge, of the server (0), or of one in `sources`."""
+    uint16 = int(PublisherIdType.UINT16)
+    taken: dict[tuple[int, int | str], str] = {(uint16, SERVER_SPACE): "the server"}
+    for name, bridge in parts.bridges.items():
+        taken[uint16, bridge.space] = f"bridge `{name}`, whose space it is"
+    for name, source in sources.items():
+        taken.setdefault((source.type_code, source.publisher_id), f"`sources.{name}`")
+    for name, bridge in parts.bridges.items():
+        wire_id = bridge.wire_id
+        if wire_id is None or wire_id == (uint16, bridge.space):
+            continue
+        other = taken.setdefault(wire_id, f"bridge `{name}`")
+        if other != f"bridge `{name}`":
+            parts.document.problem(
+                ("bridges", name, "publisher_id"), f"it is the PublisherId of {other}", "give this bridge another one"
+            )
+
+
 def _id_paths(parts: Parts) -> list[KeyPath]:
     paths: list[KeyPath] = [("bridges", name, "status_id") for name in parts.mapping_at(("bridges",))]
     for robot in parts.mapping_at(("robots",)):
@@ -75,8 +105,9 @@ def _check_ids(parts: Parts) -> None:
     And one in its space, whatever its namespace: a DataSetWriterId is unique for a PublisherId (OPC 10000-14 6.2.4.1).
     """
     used: dict[tuple[str, int | str, int], KeyPath] = {}
-    faults: list[KeyPath] = [("robots", robot, "fault_id") for robot in parts.mapping_at(("robots",))]
-    for path in (*_id_paths(parts), *faults):
+    optional: list[KeyPath] = [("robots", robot, "fault_id") for robot in parts.mapping_at(("robots",))]
+    optional.append(("scenarios", "events_id"))
+    for path in (*_id_paths(parts), *optional):
         number = parts.mapping_at(path[:-1]).get(str(path[-1]))
         if isinstance(number, bool) or not isinstance(number, int):
             continue
@@ -91,7 +122,7 @@ def _check_ids(parts: Parts) -> None:
                 path,
                 f"{number} is in use already ({where})",
                 "choose another number"
-                if path in faults
+                if path in optional
                 else f"remove it here and run: ua-fleet config assign-ids {parts.file}",
             )
 
@@ -100,6 +131,8 @@ def _home(parts: Parts, path: KeyPath) -> tuple[int, str]:
     """The namespace of an id, and the space that it is published in, by its bridge's name."""
     if path[0] == "bridges":
         return FLEET_NAMESPACE, str(path[1])
+    if path[0] == "scenarios":
+        return FLEET_NAMESPACE, ""
     robot = parts.mapping_at(("robots", str(path[1])))
     ns = robot.get("namespace", FLEET_NAMESPACE)
     is_servers = path[2] == "data" and parts.mapping_at(path[:-1]).get("origin") == "server"
@@ -228,8 +261,11 @@ def _check_initial_values(parts: Parts) -> None:
 
 
 def _check_pubsub(parts: Parts) -> None:
-    if parts.pubsub is not None and not 1 <= int(parts.pubsub.url.rpartition(":")[2]) <= 65535:
-        parts.document.problem(("pubsub", "url"), "a port is 1 to 65535", "the registered one is 4840")
+    for path, pubsub in parts.connections:
+        if pubsub.is_brokered:
+            check_broker(parts.document, path, pubsub.url, pubsub.broker)
+        elif not 1 <= int(pubsub.url.rpartition(":")[2]) <= 65535:
+            parts.document.problem((*path, "url"), "a port is 1 to 65535", "the registered one is 4840")
 
 
 def _check_listed_spaces(parts: Parts) -> None:
@@ -237,8 +273,7 @@ def _check_listed_spaces(parts: Parts) -> None:
     named: list[tuple[KeyPath, tuple[int, ...]]] = [
         (("bridges", name, "requestors"), bridge.requestors) for name, bridge in parts.bridges.items()
     ]
-    if parts.pubsub is not None:
-        named.append((("pubsub", "relaxed_replay"), parts.pubsub.relaxed_replay))
+    named += [((*path, "relaxed_replay"), pubsub.relaxed_replay) for path, pubsub in parts.connections]
     for path, spaces in named:
         for position, space in enumerate(spaces):
             try:
@@ -252,15 +287,22 @@ def _check_listed_spaces(parts: Parts) -> None:
 
 def _check_keys(parts: Parts) -> None:
     pubsub = parts.pubsub
-    if pubsub is None or pubsub.security is PubSubSecurity.NONE:
+    if pubsub is None or not any(each.is_secured for _, each in parts.connections):
         return
+    path = parts.connections[0][0]
     if pubsub.keys.source == "files" and pubsub.keys.endpoint is not None:
         parts.document.problem(
-            ("pubsub", "keys", "endpoint"), "key files come from no service", "remove it, or write `source: service`"
+            (*path, "keys", "endpoint"), "key files come from no service", "remove it, or write `source: service`"
+        )
+    if (pubsub.keys.source == "pushed") != (pubsub.keys.pushed_by is not None):
+        parts.document.problem(
+            (*path, "keys", "pushed_by"),
+            "goes with `source: pushed`, which needs it",
+            "name a user that `ua-fleet user add` made",
         )
     if pubsub.keys.lifetime_s < _SHORTEST_LIFETIME_S:
         parts.document.problem(
-            ("pubsub", "keys", "lifetime_s"),
+            (*path, "keys", "lifetime_s"),
             f"must be at least {_SHORTEST_LIFETIME_S:g}, since keys are fetched at half of it",
         )
 
@@ -334,6 +376,7 @@ _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
     _check_pubsub,
     _check_listed_spaces,
     _check_keys,
+    check_json,
     _check_skills,
     _check_cards,
     _check_kinds,

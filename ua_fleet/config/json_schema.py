@@ -60,6 +60,10 @@ def fleet_schema() -> Schema:
     for name, keys in _MAY_BE_EMPTY:
         for key in keys:
             _put(definitions[name]["properties"], key, [_NO_VALUE])
+    pubsub = definitions["FleetConfig"]["properties"]["pubsub"]
+    one = {name: pubsub.pop(name) for name in list(pubsub) if name not in _NOTES}
+    many = {"type": "array", "minItems": 1, "items": {"allOf": [one, {"required": ["name"]}]}}
+    pubsub.update({"if": {"type": "array"}, "then": many, "else": one})  # so that an editor says what is wrong in one
     skill = definitions["RobotConfig"]["properties"]["skills"]["anyOf"][0]["patternProperties"]
     skill.update({pattern: {"anyOf": [shape, _NO_VALUE]} for pattern, shape in skill.items()})
     for definition in definitions.values():

@@ -52,6 +52,10 @@ def _path_of(variable: str, data: Mapping[str, Any]) -> KeyPath:
 def _set(document: Document, path: KeyPath, value: object, place: SourcePlace) -> None:
     section = document.data
     for step in path[:-1]:
+        if isinstance(section.get(str(step)), list):
+            raise ConfigError(
+                f"`{step}` is a list in the file", file=place.file, key=place.key, suggestion="change it there"
+            )
         inner = as_mapping(section.setdefault(str(step), {}))
         if inner is None and section[str(step)] is not None:
             return  # the problem is the file's, and is told there

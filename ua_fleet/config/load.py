@@ -7,23 +7,30 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from ua_fleet.config.base import Name
-from ua_fleet.config.checks import Parts, check_all, check_ids_given, check_namespaces
+from ua_fleet.config.checks import Parts, check_all, check_ids_given, check_namespaces, check_publisher_ids
+from ua_fleet.config.connection_checks import check_connections, check_list
+from ua_fleet.config.connections import OF_ALL, FleetOfConnections
+from ua_fleet.config.history import check_history
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.layers import apply_environment, apply_options
 from ua_fleet.config.modbus_checks import modbus_problems
+from ua_fleet.config.namespace_checks import check_namespace
+from ua_fleet.config.relay_checks import check_relays
+from ua_fleet.config.relay_schema import RelayConfig
 from ua_fleet.config.resilience_schema import CriterionConfig, FaultConditionConfig
 from ua_fleet.config.schema import (
     BridgeConfig,
     DataMapping,
     DataSetConfig,
     FleetConfig,
+    PubSubConfig,
     ResilienceConfig,
     RobotConfig,
     SkillConfig,
@@ -164,6 +171,28 @@ class Loading:
                 mappings[side] = mapping
         return data_set.model_copy(update=mappings) if data_set is not None and mappings else data_set
 
+    def connections(self, items: list[Any]) -> list[PubSubConfig | None]:
+        """The PubSub connections of a list; what holds for all is that of the first one."""
+        found: list[PubSubConfig | None] = []
+        for number, item in enumerate(items):
+            path: KeyPath = ("pubsub", number)
+            found.append(self.model(PubSubConfig, self.mapping(path, item), path))
+        check_list(self._document, items, found)
+        first = found[0] if found else None
+        if first is None:
+            return found
+        of_all = {key: getattr(first, key) for key in OF_ALL}
+        return [each and each.model_copy(update=of_all) for each in found]
+
+    def relays(self, value: Any) -> dict[str, RelayConfig]:
+        """The relays that are valid by themselves."""
+        found: dict[str, RelayConfig] = {}
+        for name, given in self.named(("relays",), value).items():
+            path: KeyPath = ("relays", name)
+            if (relay := self.model(RelayConfig, self.mapping(path, given), path)) is not None:
+                found[name] = relay
+        return found
+
     def resilience(self, given: Mapping[str, Any]) -> ResilienceConfig:
         """The section with those of its criteria and faults that are valid."""
         path: KeyPath = ("resilience",)
@@ -186,10 +215,20 @@ class Loading:
 
 def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig | None:
     root, loading = document.data, Loading(document)
-    sections = {name: loading.mapping((name,), root.get(name)) for name in _SECTIONS}
+    listed_items: list[Any] | None = root["pubsub"] if isinstance(root.get("pubsub"), list) else None
+    sections = {
+        name: _SOME_CONNECTION if name == "pubsub" and listed_items is not None else loading.mapping((name,), value)
+        for name, value in ((name, root.get(name)) for name in _SECTIONS)
+    }
     shell = loading.model(
         FleetConfig, {**root, **{name: sections[name] for name in ("fleet", "server", "pubsub")}, **_NO_NAMES}, ()
     )
+    connections: tuple[tuple[KeyPath, PubSubConfig], ...] = () if shell is None else ((("pubsub",), shell.pubsub),)
+    if listed_items is not None:
+        found = loading.connections(listed_items)
+        connections = tuple([(("pubsub", number), each) for number, each in enumerate(found) if each is not None])
+        if shell is not None and connections:
+            shell = _over(shell, [each for _, each in connections])
     resilience = loading.resilience(sections["resilience"])
     bridges: dict[str, BridgeConfig] = {}
     for name, value in loading.named(("bridges",), sections["bridges"]).items():
@@ -203,19 +242,11 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
             robots[name] = robot
         data |= {(name, data_name): data_set for data_name, data_set in data_sets.items()}
     bridge_of = {name: robot.bridge for name, robot in robots.items()}
-    parts = Parts(document, file, shell.pubsub if shell else None, bridges, bridge_of, data, robots, resilience)
+    pubsub = shell.pubsub if shell else None
+    parts = Parts(document, file, pubsub, bridges, bridge_of, data, robots, resilience, connections)
     check_all(parts)
     if shell is not None:
-        check_namespaces(parts, shell.fleet.namespace_indices)
-        check_setpoint_groups(parts, shell.fleet.namespace_indices)
-    if shell is not None and shell.modbus is not None:
-        for where, text, suggestion in modbus_problems(shell.modbus, robots, data):
-            document.problem(where, text, suggestion)
-    if shell is not None and shell.sources:
-        origins = {name: (one.origin, one.source is not None) for name, one in data.items()}
-        is_secured = shell.pubsub.security != "none"
-        for where, text, suggestion in source_problems(shell.sources, origins, is_secured=is_secured):
-            document.problem(where, text, suggestion)
+        shell = _checked(shell, parts, loading.relays(root.get("relays")), robots, data)
     check_ids_given(parts, allow_missing=allow_missing_ids)
     if shell is None or document.problems:
         return None
@@ -226,7 +257,44 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
     return shell.model_copy(update={"bridges": bridges, "robots": whole, "resilience": resilience})
 
 
-_NO_NAMES: Final[dict[str, Any]] = {"bridges": {}, "robots": {}, "resilience": {}}
+def _checked(
+    shell: FleetConfig,
+    parts: Parts,
+    relays: dict[str, RelayConfig],
+    robots: Mapping[str, RobotConfig],
+    data: Mapping[tuple[str, str], DataSetConfig],
+) -> FleetConfig:
+    """What is not of a bridge or a robot, after noting what is wrong with it; with its relays."""
+    check_connections(parts, shell.server, relays)
+    check_relays(parts, relays, shell.server, shell.sources)
+    if relays:
+        shell = shell.model_copy(update={"relays": relays})
+    check_namespaces(parts, shell.fleet.namespace_indices)
+    check_setpoint_groups(parts, shell.fleet.namespace_indices)
+    check_publisher_ids(parts, shell.sources)
+    check_history(parts, shell.history)
+    if shell.unified_namespace is not None:
+        check_namespace(parts, shell.unified_namespace, shell.fleet.name)
+    if shell.modbus is not None:
+        for where, text, suggestion in modbus_problems(shell.modbus, robots, data):
+            parts.document.problem(where, text, suggestion)
+    if shell.sources:
+        origins = {name: (one.origin, one.source is not None) for name, one in data.items()}
+        for where, text, suggestion in source_problems(shell.sources, origins, is_secured=shell.is_secured):
+            parts.document.problem(where, text, suggestion)
+    return shell
+
+
+def _over(shell: FleetConfig, connections: Sequence[PubSubConfig]) -> FleetConfig:
+    """A fleet over these connections."""
+    given: dict[str, Any] = {name: getattr(shell, name) for name in shell.model_fields_set}
+    given.update(pubsub=connections[0], further=tuple(connections[1:]))
+    return FleetOfConnections.model_construct(**given)
+
+
+_SOME_CONNECTION: Final[dict[str, Any]] = {"security": "none"}
+"""In place of a list, each item of which is validated by itself."""
+_NO_NAMES: Final[dict[str, Any]] = {"bridges": {}, "robots": {}, "relays": {}, "resilience": {}}
 
 
 def load(

@@ -16,7 +16,7 @@ from ua_fleet.config.schema import (
 )
 from ua_fleet.config.source_schema import PublishedSourceConfig
 from ua_fleet.config.teleoperation import teleoperation_model
-from ua_fleet.counters import Drop
+from ua_fleet.counters import OF_BRIDGES
 from ua_fleet.errors import ConfigError
 from ua_fleet.fleet.model import (
     BRIDGE_FIELDS,
@@ -28,14 +28,24 @@ from ua_fleet.fleet.model import (
     drop_field,
 )
 from ua_fleet.fleet.skills import SkillModel
+from ua_fleet.pubsub.layout import PLAIN, WriterSettings
 from ua_fleet.pubsub.mapped import MappedSource, MappedSources, publisher_key
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import ARRAY, BuiltinType, NodeId
-from ua_fleet.wire.messages import ConfigurationVersion, DataSetMetaData
+from ua_fleet.wire.messages import ConfigurationVersion, DataSetMetaData, FieldEncoding
 
-__all__ = ["fleet_model", "mapped_sources", "max_ages_of", "robot_model"]
+__all__ = [
+    "data_topics",
+    "events_topic",
+    "fleet_model",
+    "mapped_sources",
+    "max_ages_of",
+    "robot_model",
+    "stated_metadata",
+    "writer_settings",
+]
 
 
 def fleet_model(config: FleetConfig) -> FleetModel:
@@ -62,6 +72,27 @@ def max_ages_of(config: FleetConfig) -> dict[Topic, float]:
     }
 
 
+def writer_settings(config: FleetConfig) -> dict[Topic, WriterSettings]:
+    """How the DataSetWriters of data send that do not send key frames of Variants, by source."""
+    found: dict[Topic, WriterSettings] = {}
+    for name, robot in config.robots.items():
+        for data in robot.data.values():
+            encoding = FieldEncoding.RAW_DATA if data.encoding == "raw_data" else FieldEncoding.VARIANT
+            settings = WriterSettings(encoding, data.key_frame_count)
+            if data.id is not None and settings != PLAIN:
+                space = SERVER_SPACE if data.origin == "server" else config.space_of(name)
+                found[Topic(space, robot.namespace, data.id)] = settings
+    if (events := events_topic(config)) is not None:
+        found[events] = WriterSettings(are_events=True)
+    return found
+
+
+def events_topic(config: FleetConfig) -> Topic | None:
+    """The DataSet of the events of runs; None where they are not published."""
+    events_id = config.scenarios.events_id
+    return None if events_id is None else Topic(SERVER_SPACE, config.fleet.namespace_index, events_id)
+
+
 def mapped_sources(config: FleetConfig) -> MappedSources:
     """The DataSetWriters that `sources` names, as the data of the fleet's robots."""
     return MappedSources(
@@ -77,6 +108,25 @@ def mapped_sources(config: FleetConfig) -> MappedSources:
     )
 
 
+def data_topics(config: FleetConfig) -> frozenset[Topic]:
+    """The sources that `fleet.yaml` names, so that their fields are known."""
+    return frozenset(
+        Topic(SERVER_SPACE if data.origin == "server" else config.space_of(name), robot.namespace, data.id)
+        for name, robot in config.robots.items()
+        for data in robot.data.values()
+        if data.id is not None
+    )
+
+
+def stated_metadata(config: FleetConfig) -> dict[tuple[str, int], DataSetMetaData]:
+    """The fields that `sources` states of DataSetWriters, by their PublisherId as text and DataSetWriterId."""
+    return {
+        (str(source.publisher_id), source.data_set_writer_id): metadata
+        for name, source in config.sources.items()
+        if (metadata := _stated(name, source)) is not None
+    }
+
+
 def _stated(name: str, source: PublishedSourceConfig) -> DataSetMetaData | None:
     fields = tuple([make_field(field, one.type.builtin, array=one.array) for field, one in source.fields.items()])
     return DataSetMetaData(name, fields, ConfigurationVersion(0, 0)) if fields else None
@@ -86,7 +136,7 @@ def _bridge(ns: int, name: str, config: BridgeConfig, robots: Sequence[RobotConf
     status = None
     if config.status_id is not None:
         topic = Topic.checked(config.space, ns, config.status_id)
-        names = [*BRIDGE_FIELDS, *((drop_field(drop.value), BuiltinType.UINT64) for drop in Drop)]
+        names = [*BRIDGE_FIELDS, *((drop_field(drop.value), BuiltinType.UINT64) for drop in OF_BRIDGES)]
         fields = tuple(FieldModel(NodeId(ns, f"{topic.id}.{field}"), field, int(kind)) for field, kind in names)
         status = DataSetModel(topic, name, fields, config.description, is_single=False)
     return BridgeModel(name, config.kind, config.space, config.description, status, ns, config.reads_on_demand(robots))

@@ -27,6 +27,8 @@ class Parts:
     """Robots with their skills, without their data."""
     resilience: ResilienceConfig | None = None
     """With the criteria and faults that are valid; None for robots that stand in no file."""
+    connections: tuple[tuple[KeyPath, PubSubConfig], ...] = ()
+    """All that are valid by themselves, with where each stands."""
 
     def mapping_at(self, path: KeyPath) -> dict[str, Any]:
         """The mapping that stands at a path of the file; empty where there is none."""

@@ -18,8 +18,11 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from ua_fleet.config.audit_schema import AuditConfig, SyslogConfig
+from ua_fleet.config.broker_schema import BrokerConfig, BrokerLogin
+from ua_fleet.config.history_schema import HistoryConfig, ValueHistoryConfig
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.modbus_schema import CommandConfig, ModbusServerConfig
+from ua_fleet.config.relay_schema import RelayConfig, RelayedConfig
 from ua_fleet.config.resilience_schema import CriterionConfig, DistanceConfig, FaultConditionConfig
 from ua_fleet.config.schema import (
     BridgeConfig,
@@ -34,6 +37,7 @@ from ua_fleet.config.schema import (
     RobotConfig,
     ScenariosConfig,
     ServerConfig,
+    UnifiedNamespaceConfig,
 )
 from ua_fleet.config.skill_schema import ArgumentConfig, SkillConfig, SkillLimitsConfig
 from ua_fleet.config.source_schema import PublishedFieldConfig, PublishedSourceConfig
@@ -54,6 +58,7 @@ _SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
     ("`server.audit.syslog`", SyslogConfig),
     ("`pubsub`", PubSubConfig),
     ("`pubsub.keys`", KeysConfig),
+    ("`pubsub.broker`", BrokerConfig),
     ("`bridges.<name>`, whatever its kind", BridgeConfig),
     ("`robots.<name>`", RobotConfig),
     ("`robots.<name>.data.<name>`", DataSetConfig),
@@ -69,10 +74,16 @@ _SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
     ("`distance` of a criterion", DistanceConfig),
     ("`scenarios`", ScenariosConfig),
     ("`monitoring`", MonitoringConfig),
+    ("`history`", HistoryConfig),
+    ("`history` of a robot or a data source", ValueHistoryConfig),
     ("`sources.<name>`", PublishedSourceConfig),
     ("`sources.<name>.fields.<name>`", PublishedFieldConfig),
+    ("`relays.<name>`", RelayConfig),
+    ("`relays.<name>.forwards`, each of the list", RelayedConfig),
     ("`modbus`", ModbusServerConfig),
     ("`modbus.commands.<name>`", CommandConfig),
+    ("`unified_namespace`", UnifiedNamespaceConfig),
+    ("`unified_namespace.broker`", BrokerLogin),
 )
 _WORDS: Final = {bool: "true or false", int: "whole number", float: "number", str: "text", type(None): ""}
 _BOUNDS: Final = (("ge", "at least {:g}"), ("gt", "above {:g}"), ("le", "at most {:g}"), ("lt", "below {:g}"))

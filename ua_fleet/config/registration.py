@@ -74,9 +74,9 @@ class Definition:
 
 
 def definition_text(name: str, config: RobotConfig) -> str:
-    """A robot as text for `read_robot`, without what is its bridge's own matter."""
-    own: dict[str, Any] = {"skills": {"__all__": {"via"}}, "data": {"__all__": {"source"}}}
-    own |= {"bridge": True, "teleoperation": True}
+    """A robot as text for `read_robot`, without what is its bridge's own matter, or its server's."""
+    own: dict[str, Any] = {"skills": {"__all__": {"via"}}, "data": {"__all__": {"source", "history"}}}
+    own |= {"bridge": True, "teleoperation": True, "history": True}
     said: dict[str, Any] = config.model_dump(mode="json", exclude_defaults=True, exclude=own)
     return json.dumps({"robots": {name: said}}, ensure_ascii=False, separators=(",", ":"))
 
@@ -118,6 +118,10 @@ def read_robot(said: RobotText, fleet: FleetConfig, owner_of: Callable[[Topic], 
     if "teleoperation" in given:
         text = "only robots of fleet.yaml are driven by hand: their bridge and the server share keys for it"
         document.problem((*path, "teleoperation"), text, "remove it")
+    with_history = [(*path, "history")] if "history" in given else []
+    with_history += [(*path, "data", name, "history") for name, one in data.items() if one.history is not None]
+    for where in with_history:
+        document.problem(where, "what is kept of values is said in fleet.yaml alone", "remove it")
     if robot is not None:
         data_of = {(said.name, name): data_set for name, data_set in data.items()}
         check_robots(

@@ -13,12 +13,15 @@ from pydantic import BaseModel, Field, SerializeAsAny, field_validator, model_va
 
 from ua_fleet.config.audit_schema import AuditConfig
 from ua_fleet.config.base import RANGED, DataSetId, FieldPath, Model, Name, Port, ScalarType
+from ua_fleet.config.history_schema import HistoryConfig, ValueHistoryConfig
 from ua_fleet.config.modbus_schema import ModbusServerConfig
+from ua_fleet.config.namespace_schema import UnifiedNamespaceConfig
 from ua_fleet.config.pubsub_schema import KeysConfig, PubSubConfig, PubSubSecurity
+from ua_fleet.config.relay_schema import RelayConfig
 from ua_fleet.config.resilience_schema import ResilienceConfig
 from ua_fleet.config.shapes import VENDOR_SPACE, all_of, exactly_one, given, implies, limited_to, none_of
 from ua_fleet.config.skill_schema import SkillConfig
-from ua_fleet.config.source_schema import PublishedSourceConfig
+from ua_fleet.config.source_schema import PublishedSourceConfig, PublisherIdTypeName, wire_publisher_id
 from ua_fleet.config.teleoperation_schema import TeleoperationConfig
 from ua_fleet.document import KeyPath
 from ua_fleet.errors import TopicInvalid
@@ -40,6 +43,7 @@ __all__ = [
     "MonitoringConfig",
     "PubSubConfig",
     "PubSubSecurity",
+    "RelayConfig",
     "ResilienceConfig",
     "RobotConfig",
     "ScalarType",
@@ -47,6 +51,7 @@ __all__ = [
     "ServerConfig",
     "SkillConfig",
     "TeleoperationConfig",
+    "UnifiedNamespaceConfig",
     "UnknownSources",
     "VendorBridgeConfig",
     "value_name",
@@ -148,9 +153,17 @@ class DataSetConfig(
     """For how long a value counts as one of now after it was read: sent by the robot, or read from it again, changed or
     not. Then it is Uncertain_NoCommunicationLastUsableValue until it is read again. Left out: a topic of ROS that comes
     with a period and is not latched has ten periods, at least 3 s; all else has no maximum age."""
+    encoding: Literal["variant", "raw_data"] = "variant"
+    """How fields travel in PubSub messages. `raw_data`: without their types, which the metadata tells. A message in
+    which a field has no value goes as Variants all the same."""
+    key_frame_count: int = Field(default=1, ge=1, le=0xFFFF)
+    """KeyFrameCount: of so many PubSub messages at least one has all fields (a key frame), and so has one each
+    `pubsub.repeat_interval_s`; the others have only what has changed (delta frames)."""
     gives: tuple[Name, ...] = ()
     """Capacities that the robot has only while this data source is there, e.g. `temperature` of a thermometer that may
     be pulled out. The robot that this one is `mounted_on` has them too."""
+    history: ValueHistoryConfig | bool | None = None
+    """What is kept of its values, where that differs from the robot's; `true` and `false`: whether it is."""
 
     @model_validator(mode="after")
     def _check(self) -> DataSetConfig:
@@ -217,6 +230,8 @@ class RobotConfig(Model, frozen=True):
     """For a robot that announces its own faults: numeric id of that DataSet, a text that is empty while all is well."""
     teleoperation: TeleoperationConfig | None = None
     """How people drive it by hand; left out: nobody does."""
+    history: ValueHistoryConfig | bool | None = None
+    """What is kept of its values, where that differs from the fleet's; `true` and `false`: whether they are."""
 
 
 class MachineFinding(NamedTuple):
@@ -243,9 +258,15 @@ class BridgeConfig(Model, frozen=True):
     """Needed in the end: numeric id of the bridge's own status DataSet. `ua-fleet config assign-ids` fills it in."""
     description: str = ""
     """Text for people, the description of the node."""
+    publisher_id: int | Annotated[str, Field(min_length=1, max_length=1024)] | None = None
+    """PublisherId of its PubSub messages, for receivers that know it by another one. Left out: its space."""
+    publisher_id_type: PublisherIdTypeName | None = None
+    """Type of `publisher_id`. Left out: UInt16 for a number, String for a text."""
     state_dir: str | None = None
     """Folder for the bridge's certificate, key use and journal; `state/bridges/<name>` if left out. Relative to
     `fleet.yaml`."""
+    connections: tuple[Name, ...] = ()
+    """Names of the connections that the bridge is on, where `pubsub` is a list of them. Left out: the first one."""
     requestors: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = (SERVER_SPACE,)
     """Spaces that may command this one by Actions; 0 is the server."""
     monitoring_port: Port | None = None
@@ -259,6 +280,19 @@ class BridgeConfig(Model, frozen=True):
     """Model of `sink` in the data of such a robot; None where bridges of this kind write nothing by configuration."""
     takes_setpoints: ClassVar[bool] = False
     """Whether such robots can be driven by hand: the driver has `write_setpoint`."""
+
+    @model_validator(mode="after")
+    def _check_publisher_id(self) -> BridgeConfig:
+        if self.publisher_id is None and self.publisher_id_type is not None:
+            raise ValueError("publisher_id_type: give `publisher_id` too")
+        if self.publisher_id is not None:
+            wire_publisher_id(self.publisher_id, self.publisher_id_type)
+        return self
+
+    @property
+    def wire_id(self) -> tuple[int, int | str] | None:
+        """Type and value of `publisher_id`, as messages have them."""
+        return None if self.publisher_id is None else wire_publisher_id(self.publisher_id, self.publisher_id_type)
 
     @field_validator("space")
     @classmethod
@@ -322,6 +356,8 @@ class ServerConfig(Model, frozen=True):
     """Path of the endpoint URL `opc.tcp://<host>:<port>/<path>`."""
     state_dir: str = "state"
     """Folder for users, certificates, keys and the audit log; relative to `fleet.yaml`."""
+    connections: tuple[Name, ...] = ()
+    """Names of the PubSub connections that the server is on, where `pubsub` is a list of them. Left out: all."""
     allow_none_security: bool = False
     """Also offer an endpoint without signature and encryption. Says so at every start."""
     allow_anonymous: bool = False
@@ -398,6 +434,9 @@ class ScenariosConfig(Model, frozen=True):
 
     folder: str = "scenarios"
     """Folder of the scenarios' files, `<name>.yaml` or `.json`; relative to `fleet.yaml`."""
+    events_id: DataSetId | None = None
+    """Numeric id of the DataSet in which the server publishes the events of runs, steps and decisions, one PubSub
+    message each: `ua_0_2_<id>`. Left out: they are told to OPC UA clients alone."""
     most_runs: int = Field(default=16, ge=1)
     """Runs that may be under way at once."""
     kept_runs: int = Field(default=100, ge=0)
@@ -414,7 +453,7 @@ class FleetConfig(Model, frozen=True):
     server: ServerConfig = ServerConfig()
     """The OPC UA server."""
     pubsub: PubSubConfig
-    """OPC UA PubSub between the server and the bridges."""
+    """OPC UA PubSub between the server and the bridges: the keys of one connection, or a list of connections."""
     bridges: dict[Name, SerializeAsAny[BridgeConfig]] = {}
     """Bridges by name, each with the keys of its kind."""
     robots: dict[Name, RobotConfig] = {}
@@ -425,10 +464,31 @@ class FleetConfig(Model, frozen=True):
     """Scenarios that operators run."""
     monitoring: MonitoringConfig = MonitoringConfig()
     """Health and metrics of every process."""
+    history: HistoryConfig | None = None
+    """The history of values; left out: none is kept."""
     sources: dict[Name, PublishedSourceConfig] = {}
     """Publishers that are no bridges of the fleet, as the data of its robots."""
+    relays: dict[Name, RelayConfig] = {}
+    """Processes that forward data between the PubSub connections."""
     modbus: ModbusServerConfig | None = None
     """The fleet as a Modbus device, for PLCs; left out: it is none."""
+    unified_namespace: UnifiedNamespaceConfig | None = None
+    """The values of robots as plain JSON on an MQTT broker; left out: they are not published so."""
+
+    @field_validator("history", mode="before")
+    @classmethod
+    def _empty_history(cls, value: object) -> object:
+        return {} if value is None else value  # the key alone turns it on, as a section with comments alone does
+
+    @property
+    def connections(self) -> tuple[PubSubConfig, ...]:
+        """The PubSub connections; `pubsub` is the first one, and has what holds for all."""
+        return (self.pubsub,)
+
+    @property
+    def is_secured(self) -> bool:
+        """Whether any connection needs keys."""
+        return any(connection.is_secured for connection in self.connections)
 
     def namespace_of(self, robot_name: str) -> int:
         """The namespace of a robot's ids."""
@@ -439,5 +499,7 @@ class FleetConfig(Model, frozen=True):
         return self.bridges[self.robots[robot_name].bridge].space
 
     def state_dir_of(self, bridge_name: str) -> str:
-        """The folder of what a bridge has to remember, relative to `fleet.yaml`."""
+        """The folder of what a bridge or a relay has to remember, relative to `fleet.yaml`."""
+        if (relay := self.relays.get(bridge_name)) is not None:
+            return relay.state_dir or f"state/relays/{bridge_name}"
         return self.bridges[bridge_name].state_dir or f"state/bridges/{bridge_name}"

@@ -20,7 +20,8 @@ from ua_fleet.names import closest
 __all__ = ["HIDDEN", "ShownSetting", "as_tree", "as_yaml", "nearest_key", "settings"]
 
 HIDDEN: Final = "***"
-_SECRET_KEY: Final = re.compile("password|passphrase|secret|token", re.IGNORECASE)
+_SECRET_KEY: Final = re.compile("(password|passphrase|secret|token)(?!_file$)", re.IGNORECASE)
+"""A file's name is no secret."""
 _USER_OF_URL: Final = re.compile(r"(?<=://)[^/@\s]+(?=@)")
 
 
@@ -60,6 +61,8 @@ def settings(config: FleetConfig, document: Document) -> list[ShownSetting]:
             if mapping is not None and skill.via:
                 filled = _with_defaults(mapping, skill.via)
                 tree["robots"][robot_name]["skills"][skill_name]["via"] = filled
+    if (further := tree.pop("further", None)) is not None:
+        tree["pubsub"] = [tree["pubsub"], *further]
     return [_setting(path, value, document) for path, value in _leaves(tree, ())]
 
 
@@ -85,6 +88,8 @@ def _shown(path: KeyPath, value: Any, document: Document) -> Any:
     if isinstance(value, list):
         items = cast("list[object]", value)
         return [_shown((*path, index), item, document) for index, item in enumerate(items)]
+    if (inner := as_mapping(value)) is not None:
+        return {key: _shown((*path, key), item, document) for key, item in inner.items()}
     if path in document.variables:
         return document.variables[path]
     if isinstance(value, str) and _SECRET_KEY.search(str(path[-1])):

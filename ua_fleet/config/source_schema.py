@@ -12,7 +12,13 @@ from ua_fleet.document import KeyPath
 from ua_fleet.names import closest
 from ua_fleet.wire.messages import PublisherIdType
 
-__all__ = ["PublishedFieldConfig", "PublishedSourceConfig", "source_problems"]
+__all__ = [
+    "PublishedFieldConfig",
+    "PublishedSourceConfig",
+    "PublisherIdTypeName",
+    "source_problems",
+    "wire_publisher_id",
+]
 
 Problem = tuple[KeyPath, str, str]
 _MOST: dict[str, int] = {"Byte": 0xFF, "UInt16": 0xFFFF, "UInt32": 0xFFFF_FFFF, "UInt64": 0xFFFF_FFFF_FFFF_FFFF}
@@ -23,6 +29,23 @@ _TYPES = {
     "UInt64": PublisherIdType.UINT64,
     "String": PublisherIdType.STRING,
 }
+
+
+PublisherIdTypeName = Literal["Byte", "UInt16", "UInt32", "UInt64", "String"]
+
+
+def _type_name(publisher_id: int | str, type_name: str | None) -> str:
+    return type_name or ("String" if isinstance(publisher_id, str) else "UInt16")
+
+
+def wire_publisher_id(publisher_id: int | str, type_name: str | None) -> tuple[int, int | str]:
+    """A PublisherId of `fleet.yaml` as messages have it: its type and value. Raises ValueError where they disagree."""
+    kind = _type_name(publisher_id, type_name)
+    if (kind == "String") is not isinstance(publisher_id, str):
+        raise ValueError(f"publisher_id: {publisher_id!r} is no {kind}")
+    if isinstance(publisher_id, int) and not 0 <= publisher_id <= _MOST[kind]:
+        raise ValueError(f"publisher_id: a {kind} is 0 to {_MOST[kind]}")
+    return int(_TYPES[kind]), publisher_id
 
 
 class PublishedFieldConfig(Model, frozen=True):
@@ -39,7 +62,7 @@ class PublishedSourceConfig(Model, frozen=True):
 
     publisher_id: int | Annotated[str, Field(min_length=1, max_length=1024)]
     """PublisherId of its messages."""
-    publisher_id_type: Literal["Byte", "UInt16", "UInt32", "UInt64", "String"] | None = None
+    publisher_id_type: PublisherIdTypeName | None = None
     """Type of the PublisherId. Left out: UInt16 for a number, String for a text."""
     writer_group_id: int | None = Field(default=None, ge=0, le=65535)
     """WriterGroupId of its messages; left out where they have none."""
@@ -55,17 +78,13 @@ class PublishedSourceConfig(Model, frozen=True):
 
     @model_validator(mode="after")
     def _check(self) -> PublishedSourceConfig:
-        kind = self.type_name
-        if (kind == "String") is not isinstance(self.publisher_id, str):
-            raise ValueError(f"publisher_id: {self.publisher_id!r} is no {kind}")
-        if isinstance(self.publisher_id, int) and not 0 <= self.publisher_id <= _MOST[kind]:
-            raise ValueError(f"publisher_id: a {kind} is 0 to {_MOST[kind]}")
+        wire_publisher_id(self.publisher_id, self.publisher_id_type)
         return self
 
     @property
     def type_name(self) -> str:
         """Type of the PublisherId."""
-        return self.publisher_id_type or ("String" if isinstance(self.publisher_id, str) else "UInt16")
+        return _type_name(self.publisher_id, self.publisher_id_type)
 
     @property
     def type_code(self) -> int:

@@ -1,4 +1,4 @@
-"""Read, Write and HistoryRead, by what AccessLevel and the user's role allow (OPC 10000-4 5.11)."""
+"""Read and Write, by what AccessLevel and the user's role allow (OPC 10000-4 5.11)."""
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 # pyright: reportPrivateUsage=false
@@ -112,7 +112,7 @@ class AttributeServices:
         if attribute == AttributeIds.UserAccessLevel and reader_refused(
             self._aspace, wanted.NodeId, user, encrypted=encrypted
         ):
-            value = _but(value, lambda level: level & ~READ)
+            value = _but(value, lambda level: level & ~(READ | HISTORY))
         return value
 
     def _callable(self, user: User, method_id: ua.NodeId) -> bool:
@@ -158,6 +158,8 @@ class AttributeServices:
                     await request.turns.end()
         finally:
             # Also of a client who goes away in the middle of a request.
+            if self._context.gate is not None:
+                self._context.gate.request_done()
             record()
         return response
 
@@ -217,42 +219,6 @@ class AttributeServices:
             variant = replace_range(before, index_range, variant)
         return given if variant is given.Value else dataclasses.replace(given, Value=variant)
 
-    async def history_read(self, request: ServiceRequest, params: ua.HistoryReadParameters) -> Any:
-        """HistoryRead of nodes that have and show a history."""
-        nodes = operations(params.NodesToRead, self._limits.nodes_per_request)
-        _timestamps_known(params.TimestampsToReturn)
-        answer = ArrayResponse(ua.HistoryReadResponse(), self._limits.response_bytes)
-        for node in nodes:
-            answer.add(
-                ua.HistoryReadResult() if params.ReleaseContinuationPoints else await self._history(node, params),
-                lambda code: ua.HistoryReadResult(StatusCode=status(code)),
-                self._context.misfit,
-                partial(_named, node),
-            )
-            await request.turns.end(answer.size)
-        return answer
-
-    async def _history(self, node: ua.HistoryReadValueId, params: ua.HistoryReadParameters) -> ua.HistoryReadResult:
-        try:
-            self._check_history(node.NodeId, params.HistoryReadDetails)
-            single = dataclasses.replace(params, NodesToRead=[node])
-            results = await self._context.iserver.history_manager.read_history(single)
-        except Refusal as error:
-            return ua.HistoryReadResult(StatusCode=status(error.ua_status))
-        return results[0]
-
-    def _check_history(self, node_id: ua.NodeId, details: Any) -> None:
-        node = self._aspace.get(node_id)
-        if node is None:
-            raise Refusal(StatusCodes.BadNodeIdUnknown)
-        if isinstance(details, ua.ReadEventDetails):
-            notifier = self._aspace.read_attribute_value(node_id, AttributeIds.EventNotifier).Value
-            allowed = int(notifier.Value) & 4 if notifier is not None and notifier.Value is not None else 0
-        else:
-            allowed = access_level(self._aspace, node_id) & HISTORY
-        if not allowed:
-            raise Refusal(StatusCodes.BadHistoryOperationUnsupported)
-
 
 def _as_bytes(given: Any, before: ua.Variant | None) -> Any:
     """A ByteString for an array of Byte is such an array (OPC 10000-4 5.11.4.2)."""
@@ -271,13 +237,8 @@ def _no_value(code: int) -> ua.DataValue:
     return ua.DataValue(StatusCode=status(code))
 
 
-def _named(wanted: ua.ReadValueId | ua.HistoryReadValueId) -> str:
-    return f"{shown(wanted.NodeId)} attribute {getattr(wanted, 'AttributeId', 'history')}"
-
-
-def _timestamps_known(wanted: Any) -> None:
-    if not isinstance(wanted, ua.TimestampsToReturn) or wanted == ua.TimestampsToReturn.Invalid:
-        raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
+def _named(wanted: ua.ReadValueId) -> str:
+    return f"{shown(wanted.NodeId)} attribute {wanted.AttributeId}"
 
 
 def _but(value: ua.DataValue, change: Callable[[Any], Any]) -> ua.DataValue:

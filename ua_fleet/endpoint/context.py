@@ -16,8 +16,10 @@ from ua_fleet.endpoint.audit import AuditLog
 from ua_fleet.endpoint.bridge_trust import BridgeTrust
 from ua_fleet.endpoint.charges import Charges
 from ua_fleet.endpoint.gateway_logins import GatewayLogins
+from ua_fleet.endpoint.history_source import HistorySource
 from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.session_keys import SessionKeys
+from ua_fleet.endpoint.stack import ObjectIds, ns0
 from ua_fleet.endpoint.throttle import LoginThrottle
 from ua_fleet.endpoint.trust import TrustList
 from ua_fleet.endpoint.turns import Places
@@ -36,6 +38,10 @@ class NodeGate(Protocol):
 
     def written(self, node_id: ua.NodeId, value: ua.DataValue, user: User) -> None:
         """A client's write has been done; the node has this value."""
+        ...
+
+    def request_done(self) -> None:
+        """All writes of a request have been done, of which there may have been none."""
         ...
 
 
@@ -91,6 +97,8 @@ class EndpointContext:
     server_id: str = ""
     """The server's ApplicationUri."""
     gate: NodeGate | None = None
+    history: HistorySource | None = None
+    """Without it no node has a history."""
     throttle: LoginThrottle = field(default_factory=LoginThrottle)
     gateway_logins: GatewayLogins = field(default_factory=GatewayLogins)
     charges: Charges = field(default_factory=Charges)
@@ -117,6 +125,11 @@ class EndpointContext:
     """Methods that are called so often that neither log nor event tells of each call; but of who may not."""
     secret_methods: set[ua.NodeId] = field(default_factory=set[ua.NodeId])
     """Methods whose outputs no audit event shows."""
+    secret_inputs: frozenset[ua.NodeId] = frozenset(
+        (ns0(ObjectIds.PublishSubscribe_SetSecurityKeys), ns0(ObjectIds.PublishSubscribeType_SetSecurityKeys))
+    )
+    """Methods whose arguments are neither logged nor shown in an audit event, also where this server has none of them:
+    a client that takes it for another server shows keys all the same."""
 
     def may_call(self, user: User, method_id: ua.NodeId) -> bool:
         """Whether a user may call a method at all."""

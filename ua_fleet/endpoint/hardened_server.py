@@ -37,7 +37,7 @@ from ua_fleet.endpoint.session_keys import DAY_S, KEYS_FILE, SessionKeys
 from ua_fleet.endpoint.stack import AttributeIds
 from ua_fleet.endpoint.standard_model import (
     close_declarations,
-    fill_key_service,
+    fill_pubsub,
     fill_standard_nodes,
     remove_unsupported,
 )
@@ -236,6 +236,7 @@ async def create_server(
     limits: EndpointLimits | None = None,
     users: UserStore | None = None,
     bridges: Mapping[str, str] | None = None,
+    pushed_keys: bool = False,
     files_dir: Path | None = None,
 ) -> HardenedServer:
     """A server that is initialised and not started, with its certificates, users and limits in place.
@@ -247,6 +248,7 @@ async def create_server(
         limits: in place of those of the configuration.
         users: in place of the file in `state_dir`.
         bridges: names of bridges that may log in by a certificate, by their ApplicationUris.
+        pushed_keys: whether a foreign key service pushes keys to it.
         files_dir: what paths in the configuration are relative to; `state_dir` if left out.
 
     Raises ServerStartError, in one line, for what must not be started.
@@ -297,10 +299,9 @@ async def create_server(
         bridges=BridgeTrust(state_dir, names) if names else None,
     )
     space = server.iserver.aspace
-    remove_unsupported(space, key_service=bridges is not None)
+    remove_unsupported(space, key_service=bridges is not None, pushed_keys=pushed_keys)
     fill_standard_nodes(space, context.limits, _POLICY_URIS[: None if config.allow_none_security else -1])
-    if bridges is not None:
-        fill_key_service(space)
+    fill_pubsub(space, key_service=bridges is not None, pushed_keys=pushed_keys)
     close_declarations(space)
     await server.prepare(context, config.host, config.port)
     share_attributes(space)

@@ -58,7 +58,7 @@ class LiveValue(HeldValue):
             return
         value = self.value
         assert value.Value is not None
-        content = value.Value.Value
+        content = value.Value.Value, value.StatusCode
         for handle, callback in list(self.datachange_callbacks.items()):
             item: Any = getattr(callback, "__self__", None)
             if self.guard is not None and self.guard(*_reader(item)):

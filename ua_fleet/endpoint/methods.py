@@ -100,9 +100,10 @@ class MethodServices:
         code = int(result.StatusCode.value)
         if wanted.MethodId in self._context.frequent_methods and code != StatusCodes.BadUserAccessDenied:
             return
-        self._record(request, wanted, code)
+        told = self._without_secrets(wanted)
+        self._record(request, told, code)
         outputs = result.OutputArguments or []
-        self._events.called(request.who, wanted, [] if outputs and self._is_secret(wanted) else outputs, code)
+        self._events.called(request.who, told, [] if outputs and self._is_secret(wanted) else outputs, code)
 
     def _put_aside(self, request: ServiceRequest, wanted: ua.CallMethodRequest) -> None:
         session = request.session
@@ -136,6 +137,17 @@ class MethodServices:
             return self._method(wanted) in self._context.secret_methods
         except Refusal:
             return True  # it has gone since
+
+    def _without_secrets(self, wanted: ua.CallMethodRequest) -> ua.CallMethodRequest:
+        """A call as the log and the events may tell of it."""
+        secret = self._context.secret_inputs
+        if wanted.MethodId not in secret:
+            try:
+                if self._method(wanted) not in secret:
+                    return wanted
+            except Refusal:
+                return wanted
+        return ua.CallMethodRequest(wanted.ObjectId, wanted.MethodId, [])
 
     def _record(self, request: ServiceRequest, wanted: ua.CallMethodRequest, code: int) -> None:
         audit = self._context.audit

@@ -50,9 +50,15 @@ READ: Final = 1
 """Bit CurrentRead of AccessLevel (OPC 10000-3 8.57)."""
 WRITE: Final = 2
 """Bit CurrentWrite of AccessLevel."""
+HISTORY_READ: Final = 4
+"""Bit HistoryRead of AccessLevel."""
 TIMESTAMP_WRITE: Final = 64
 """Bit TimestampWrite of AccessLevel: the time that a client gives is the node's, and is published."""
 
+LAZY_PREFIX: Final = "PubSub."
+"""What the string ids begin with of nodes that are made when somebody wants the references of one above."""
+_LONGEST_LAZY: Final = 300
+"""Characters of such an id."""
 _DIGITS: Final = 5
 """Of the largest number that a data source has."""
 
@@ -103,7 +109,26 @@ class _Nodes(dict[ua.NodeId, Any]):
                 owner = super().get(raw_id(int(number), key.NamespaceIndex))
                 if isinstance(owner, BuiltNode) and owner.references and (made := super().get(key)) is not None:
                     return made
+        if isinstance(text, str) and text.startswith(LAZY_PREFIX) and len(text) <= _LONGEST_LAZY:
+            made = self._made_below(key, text)
+            if made is not None:
+                return made
         raise KeyError(key)
+
+    def _made_below(self, key: ua.NodeId, text: str) -> Any:
+        """A node that is made below the nearest one above it, or below one of those that are made there."""
+        reached, above = "", text.rpartition(".")[0]
+        while len(above) > len(reached):
+            owner = super().get(raw_id(above, key.NamespaceIndex))
+            if owner is None:
+                above = above.rpartition(".")[0]
+            elif not isinstance(owner, BuiltNode) or not owner.references:
+                return None
+            elif (made := super().get(key)) is not None:
+                return made
+            else:
+                reached, above = above, text.rpartition(".")[0]
+        return None
 
     def get(self, key: ua.NodeId, default: Any = None) -> Any:
         """The node with an id."""
@@ -162,21 +187,22 @@ class NodeBuilder:
         value_rank: int = -1,
         array_length: int = 0,
         writable: bool = False,
+        historizing: bool = False,
         reference: ua.NodeId = HAS_COMPONENT,
         description: str = "",
     ) -> HeldValue:
         """Add a Variable; returns what holds its value."""
-        kind = (ua.NodeClass.Variable, data_type, value_rank, array_length, writable)
+        kind = (ua.NodeClass.Variable, data_type, value_rank, array_length, writable, historizing)
         attributes = self._kinds.get(kind)
         if attributes is None:
             attributes = self._kinds[kind] = self._common(ua.NodeClass.Variable)
-            level = READ | WRITE | TIMESTAMP_WRITE if writable else READ
+            level = (READ | WRITE | TIMESTAMP_WRITE if writable else READ) | (HISTORY_READ if historizing else 0)
             access = self._share("Byte", level, ua.VariantType.Byte)
             attributes[AttributeIds.AccessLevel] = access
             attributes[AttributeIds.UserAccessLevel] = access
             attributes[AttributeIds.DataType] = self._share("DataType", data_type, ua.VariantType.NodeId)
             attributes[AttributeIds.ValueRank] = self._share("Int32", value_rank, ua.VariantType.Int32)
-            attributes[AttributeIds.Historizing] = self._share("Boolean", False, ua.VariantType.Boolean)
+            attributes[AttributeIds.Historizing] = self._share("Boolean", historizing, ua.VariantType.Boolean)
             if value_rank > 0:
                 dimensions = [array_length] * value_rank
                 attributes[AttributeIds.ArrayDimensions] = self._share(

@@ -13,6 +13,7 @@ from asyncua import ua
 from ua_fleet.endpoint.attributes import AttributeServices
 from ua_fleet.endpoint.audit_events import AuditEvents
 from ua_fleet.endpoint.context import EndpointContext
+from ua_fleet.endpoint.history import HistoryServices
 from ua_fleet.endpoint.methods import MethodServices
 from ua_fleet.endpoint.request import ServiceRequest
 from ua_fleet.endpoint.session_services import SessionServices
@@ -57,7 +58,7 @@ class Services:
             for name, parameters, handle in (
                 ("Read", ua.ReadParameters, attributes.read),
                 ("Write", ua.WriteParameters, attributes.write),
-                ("HistoryRead", ua.HistoryReadParameters, attributes.history_read),
+                ("HistoryRead", ua.HistoryReadParameters, HistoryServices(context).history_read),
                 ("Browse", ua.BrowseParameters, views.browse),
                 ("BrowseNext", ua.BrowseNextParameters, views.browse_next),
                 (

@@ -27,7 +27,7 @@ from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.stack import AttributeIds, ObjectIds, ns0
 
-__all__ = ["close_declarations", "fill_key_service", "fill_standard_nodes", "remove_unsupported", "set_value"]
+__all__ = ["close_declarations", "fill_pubsub", "fill_standard_nodes", "remove_unsupported", "set_value"]
 
 _BELOW: Final = frozenset(
     ns0(reference)
@@ -80,13 +80,17 @@ _UNSUPPORTED: Final = (
 """Nodes that leave, with all that is below them."""
 
 _PUBSUB: Final = "PublishSubscribe"
+_KEY_SERVICE: Final = ("GetSecurityKeys", "GetSecurityGroup", "SecurityGroups")
+"""Of PublishSubscribe, where this server gives keys."""
+_PUSHED_KEYS: Final = ("SetSecurityKeys", "PubSubCapablities_SupportSecurityKeyPush")
+"""Of PublishSubscribe, where a foreign key service pushes keys to this server."""
 _NOT_CONFIGURED: Final = (
-    "SetSecurityKeys",
+    "SubscribedDataSets",
+    "DataSetClasses",
     "AddConnection",
     "RemoveConnection",
     "KeyPushTargets",
     "PubSubConfiguration",
-    "Diagnostics",
     "DefaultDatagramPublisherId",
     "ConfigurationVersion",
     "DefaultSecurityKeyServices",
@@ -102,11 +106,19 @@ _NOT_CONFIGURED: Final = (
             "MaxNetworkMessageSizeDatagram",
             "MaxNetworkMessageSizeBroker",
             "SupportSecurityKeyPull",
-            "SupportSecurityKeyPush",
         )
     ),
 )
-"""Of PublishSubscribe, where a key service stands behind the rest: PubSub is configured in `fleet.yaml`."""
+"""Of PublishSubscribe: PubSub is configured in `fleet.yaml`, and its PubSubConnections are what is switched."""
+_PUBSUB_LIMITS: Final = (
+    ("MaxPubSubConnections", 1),
+    ("MaxWriterGroups", 0xFFFF),
+    ("MaxReaderGroups", 0xFFFF),
+    ("MaxDataSetWriters", 0xFFFF),
+    ("MaxDataSetReaders", 50_000),
+    ("MaxFieldsPerDataSet", 0xFFFF),
+)
+"""What this server has at most (OPC 10000-14 9.1.12): its ids are UInt16, and so is the FieldCount of a message."""
 _NOT_EXECUTABLE: Final = ("SecurityGroups_AddSecurityGroup", "SecurityGroups_RemoveSecurityGroup")
 """Mandatory Methods of a SecurityGroupFolder: here the groups follow from `fleet.yaml`."""
 
@@ -140,10 +152,16 @@ _NO_HISTORY: Final = (
 )
 
 
-def remove_unsupported(space: AddressSpace, *, key_service: bool) -> None:
-    """Take the nodes of the standard's optional parts away; `key_service` leaves those that keys are asked for at."""
-    names = [*_UNSUPPORTED]
-    names += [f"{_PUBSUB}_{name}" for name in _NOT_CONFIGURED] if key_service else [_PUBSUB]
+def remove_unsupported(space: AddressSpace, *, key_service: bool, pushed_keys: bool = False) -> None:
+    """Take the nodes of the standard's optional parts away.
+
+    Args:
+        space: the server's nodes.
+        key_service: leave those that keys are asked for at.
+        pushed_keys: leave those that keys are pushed to.
+    """
+    without = [*_NOT_CONFIGURED, *(() if key_service else _KEY_SERVICE), *(() if pushed_keys else _PUSHED_KEYS)]
+    names = [*_UNSUPPORTED, *[f"{_PUBSUB}_{name}" for name in without]]
     gone: dict[ua.NodeId, None] = {}
     for name in names:
         gone |= dict.fromkeys(_tree(space, ns0(getattr(ObjectIds, name))))
@@ -230,25 +248,18 @@ def fill_standard_nodes(space: AddressSpace, limits: EndpointLimits, policies: I
         set_value(space, ns0(getattr(ObjectIds, name)), value, variant_type)
 
 
-def fill_key_service(space: AddressSpace) -> None:
-    """Give what is left of PublishSubscribe its values: nothing of PubSub is configured by clients."""
-    for name in ("PubSubConnections", "WriterGroups", "ReaderGroups", "DataSetWriters", "DataSetReaders"):
-        node_id = ns0(getattr(ObjectIds, f"{_PUBSUB}_PubSubCapablities_Max{name}"))
-        set_value(space, node_id, 0, ua.VariantType.UInt32)
+def fill_pubsub(space: AddressSpace, *, key_service: bool, pushed_keys: bool = False) -> None:
+    """Give PublishSubscribe the values that never change; `server.pubsub_model` gives it the others."""
     capabilities = f"{_PUBSUB}_PubSubCapablities_"
-    for name, value, variant_type in (
-        (f"{capabilities}MaxFieldsPerDataSet", 0, ua.VariantType.UInt32),
-        (f"{capabilities}SupportSecurityKeyServer", True, ua.VariantType.Boolean),
-        (f"{_PUBSUB}_Status_State", ua.PubSubState.Operational, ua.VariantType.Int32),
-        (
-            f"{_PUBSUB}_SupportedTransportProfiles",
-            ["http://opcfoundation.org/UA-Profile/Transport/pubsub-udp-uadp"],
-            ua.VariantType.String,
-        ),
-    ):
-        set_value(space, ns0(getattr(ObjectIds, name)), value, variant_type)
+    for name, value in _PUBSUB_LIMITS:
+        set_value(space, ns0(getattr(ObjectIds, f"{capabilities}{name}")), value, ua.VariantType.UInt32)
+    server_of_keys = ns0(getattr(ObjectIds, f"{capabilities}SupportSecurityKeyServer"))
+    set_value(space, server_of_keys, key_service, ua.VariantType.Boolean)
+    if pushed_keys:
+        takes_keys = ns0(getattr(ObjectIds, f"{capabilities}SupportSecurityKeyPush"))
+        set_value(space, takes_keys, True, ua.VariantType.Boolean)
     refused = HeldValue(ua.DataValue(ua.Variant(False, ua.VariantType.Boolean)))
-    for name in _NOT_EXECUTABLE:
+    for name in _NOT_EXECUTABLE if key_service else ():
         attributes: Any = space[ns0(getattr(ObjectIds, f"{_PUBSUB}_{name}"))].attributes
         attributes[AttributeIds.Executable] = attributes[AttributeIds.UserExecutable] = refused
 

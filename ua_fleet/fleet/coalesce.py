@@ -42,11 +42,11 @@ class Coalescer:
             heapq.heappush(self._due, (limit.due, next(self._order), change.key))
         return passed
 
-    def poll(self, now: float) -> list[ValueChanged]:
-        """The values that have waited long enough."""
+    def poll(self, now: float, most: int | None = None) -> list[ValueChanged]:
+        """The values that have waited long enough, those that have longest first; `most` of them at most."""
         due = self._due
         changes: list[ValueChanged] = []
-        while due and due[0][0] <= now:
+        while due and due[0][0] <= now and len(changes) != most:
             turn, _, key = heapq.heappop(due)
             limit = self._limits.get(key)
             # Another time: something overtook, and what waits now has an entry of its own.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, Final
 
-from ua_fleet.counters import Counters, Drop
+from ua_fleet.counters import OF_BRIDGES, Counters
 from ua_fleet.fleet.changes import Change, Noticed, ValueChanged
 from ua_fleet.fleet.model import BridgeModel, FleetModel, RobotModel, RobotState, drop_field
 from ua_fleet.fleet.moved import MovedRobots
@@ -206,7 +206,7 @@ class ServerCounters:
             "MessagesOut": counters.messages_out,
             "Gaps": counters.gaps,
             "Looped": counters.looped,
-        } | {drop_field(drop.value): counters.drops[drop] for drop in Drop}
+        } | {drop_field(drop.value): counters.drops[drop] for drop in OF_BRIDGES}
         moved = [(name, value) for name, value in now.items() if self._told.get(name) != value]
         self._told = now
         return [_said(self._model.traffic(name), _UINT64, value, wall_ticks) for name, value in moved]

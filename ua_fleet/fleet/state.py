@@ -121,6 +121,10 @@ class FleetState:
         """The sources that have nodes."""
         return self._sources.values()
 
+    def source(self, topic: Topic) -> Source | None:
+        """A source that has nodes."""
+        return self._sources.get(topic)
+
     @property
     def robot_states(self) -> dict[str, RobotState]:
         """What each robot's node shows."""

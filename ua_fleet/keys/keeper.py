@@ -45,8 +45,10 @@ _log: Any = structlog.get_logger("ua_fleet.keys")
 class KeyUser(Protocol):
     """What the keeper needs of an Envelope."""
 
-    problem: str
-    """Why something could not be sent; empty when the last message could."""
+    @property
+    def problem(self) -> str:
+        """Why something could not be sent; empty when the last message could."""
+        ...
 
     def groups_wanted(self) -> Iterable[str]:
         """All groups that are needed, those that matter most first."""

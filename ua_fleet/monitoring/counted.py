@@ -26,6 +26,7 @@ def counted(counters: Counters, *, has_space: bool) -> Iterator[Family]:
         yield metrics.TO_SPACE.one(counters.to_space)
     yield metrics.DROPS.many(((drop.value,), counters.drops[drop]) for drop in Drop)
     yield metrics.MALFORMED.many(((cause,), count) for cause, count in counters.malformed.items())
+    yield metrics.FORGIVEN.many(((name,), count) for name, count in counters.forgiven.items())
     yield metrics.GAPS.one(counters.gaps)
     yield metrics.LOOPED.one(counters.looped)
 

@@ -38,10 +38,11 @@ class ProcessKind(StrEnum):
     BRIDGE = "bridge"
     MODBUS = "modbus"
     CONSOLE = "console"
+    RELAY = "relay"
 
 
-_ALL: Final = (ProcessKind.SERVER, ProcessKind.BRIDGE, ProcessKind.MODBUS, ProcessKind.CONSOLE)
-_PUBSUB: Final = (ProcessKind.SERVER, ProcessKind.BRIDGE)
+_ALL: Final = tuple(ProcessKind)
+_PUBSUB: Final = (ProcessKind.SERVER, ProcessKind.BRIDGE, ProcessKind.RELAY)
 _SERVER: Final = (ProcessKind.SERVER,)
 _BRIDGE: Final = (ProcessKind.BRIDGE,)
 _MODBUS: Final = (ProcessKind.MODBUS,)
@@ -105,6 +106,7 @@ FROM_SPACE = _metric("space_messages_received_total", _C, _BRIDGE, "Messages tak
 TO_SPACE = _metric("space_messages_published_total", _C, _BRIDGE, "Messages published into the bridge's space.")
 DROPS = _metric("drops_total", _C, _PUBSUB, "Messages that were dropped; some causes are normal.", "cause")
 MALFORMED = _metric("malformed_total", _C, _PUBSUB, "Messages that break the rules of OPC 10000-14.", "cause")
+FORGIVEN = _metric("forgiven_total", _C, _PUBSUB, "What JSON messages did wrong and was read all the same.", "leniency")
 GAPS = _metric("sequence_gaps_total", _C, _PUBSUB, "DataSetMessages that sequence numbers show as missing.")
 LOOPED = _metric("looped_total", _C, _PUBSUB, "Messages delivered twice to one place; has to stay 0.")
 DATAGRAMS_RECEIVED = _metric("datagrams_received_total", _C, _PUBSUB, "Datagrams received.")
@@ -152,6 +154,19 @@ RUNS = _metric("runs_under_way", _G, _SERVER, "Runs of scenarios that have not e
 RUNS_ENDED = _metric("runs_total", _C, _SERVER, "Runs that have ended since the server's start.", "outcome")
 FAULTS = _metric("faults", _G, _SERVER, "Faults of robots: active, or waiting for their acknowledgement.", "state")
 DECISIONS = _metric("decisions_open", _G, _SERVER, "Replacements that an operator has to choose.")
+NAMESPACE_UP = _metric(
+    "namespace_up", _G, _SERVER, "1 while the broker of the Unified Namespace is connected; absent without one."
+)
+NAMESPACE_TOPICS = _metric("namespace_topics", _G, _SERVER, "Topics of robots in the Unified Namespace.")
+NAMESPACE_WAITING = _metric(
+    "namespace_waiting", _G, _SERVER, "Topics whose newest value the broker of the Unified Namespace does not have."
+)
+NAMESPACE_PUBLISHED = _metric(
+    "namespace_published_total", _C, _SERVER, "Messages that the broker of the Unified Namespace has acknowledged."
+)
+NAMESPACE_DROPS = _metric(
+    "namespace_drops_total", _C, _SERVER, "Values that were not published in the Unified Namespace.", "cause"
+)
 SESSIONS = _metric(
     "opcua_sessions",
     _G,
@@ -175,6 +190,11 @@ GATEWAY_LOGINS = _metric(
     "opcua_gateway_logins_total", _C, _SERVER, "Logins through gateways, by how they ended.", "gateway", "outcome"
 )
 REQUESTS = _metric("opcua_requests_total", _C, _SERVER, "Requests of OPC UA clients.")
+HISTORY_ROWS = _metric(
+    "history_values_total", _C, _SERVER, "Values for the history: stored, or lost since the store was away.", "what"
+)
+HISTORY_WAITING = _metric("history_values_waiting", _G, _SERVER, "Values that wait for the store of the history.")
+HISTORY_UP = _metric("history_up", _G, _SERVER, "1 while the history is stored; absent without one.")
 AUDIT_LINES = _metric(
     "audit_lines_total",
     _C,

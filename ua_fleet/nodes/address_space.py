@@ -21,7 +21,8 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 from asyncua.ua.object_ids import ObjectIds
 
-from ua_fleet.counters import Drop
+from ua_fleet.config.history import HistoryRules
+from ua_fleet.counters import OF_BRIDGES
 from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.convert import data_value, node_id, raw_id
 from ua_fleet.endpoint.node_builder import ORGANIZES, paused_collection
@@ -40,6 +41,7 @@ from ua_fleet.fleet.model import (
     drop_field,
 )
 from ua_fleet.monitoring.mistakes import Mistakes
+from ua_fleet.nodes.history_nodes import HistoryNodes
 from ua_fleet.nodes.hold_nodes import HoldNodes
 from ua_fleet.nodes.mistake_nodes import MistakeNodes
 from ua_fleet.nodes.node_factory import STANDARD, NodeFactory
@@ -61,8 +63,14 @@ _QUARANTINE: Final = "Fleet.Discovered.Quarantine"
 class FleetNodes:
     """The fleet's nodes, and what holds the value of each Variable."""
 
-    def __init__(self, space: AddressSpace, model: FleetModel) -> None:
-        """Prepare to build a model's nodes; the types have to be loaded."""
+    def __init__(self, space: AddressSpace, model: FleetModel, history: HistoryRules | None = None) -> None:
+        """Prepare to build a model's nodes; the types have to be loaded.
+
+        Args:
+            space: gets them.
+            model: of the fleet.
+            history: what is kept of values; without it nothing is.
+        """
         self._model = model
         self.ns = model.ns
         self._parts = NodeFactory(space, model.ns)
@@ -79,6 +87,8 @@ class FleetNodes:
         self._skills = SkillNodeFactory(self._parts)
         self._holds = HoldNodes(self._parts)
         self._driven = TeleoperationNodes(self._parts)
+        self._rules = history
+        self._history = None if history is None else HistoryNodes(space, self._parts, history)
 
     def build(self) -> None:
         """Make all nodes that the model names."""
@@ -97,6 +107,8 @@ class FleetNodes:
             discovered = self._parts.object("Fleet.Discovered", "Discovered", fleet, TypeId.DISCOVERED)
             for folder in ("Sources", "Quarantine"):
                 self._parts.folder(f"Fleet.Discovered.{folder}", folder, discovered)
+            if self._history is not None:
+                self._history.build(fleet)
             traffic = self._parts.object("Fleet.Traffic", "Traffic", fleet, TypeId.TRAFFIC)
             self._add_traffic("Fleet.Traffic", traffic)
             for bridge in self._model.bridges:
@@ -151,6 +163,8 @@ class FleetNodes:
     def remove_robot(self, robot: RobotModel) -> None:
         """Remove the nodes of a robot, and the capacities that no other robot has."""
         self._parts.remove(node_id(robot.key))
+        if self._history is not None:
+            self._history.remove(robot)
         self._parts.leave(_ROBOTS, self._parents.pop(robot.key))
         for data_set in robot.all_data_sets():
             self._parents.pop(data_set.key, None)
@@ -197,6 +211,13 @@ class FleetNodes:
         self._parts.leave(_QUARANTINE, self._quarantined.pop(topic))
 
     def _add_robot(self, robot: RobotModel) -> None:
+        if self._history is not None:
+            self._history.knows(robot)
+        self._build_robot(robot)
+        if self._history is not None:
+            self._history.add(robot)
+
+    def _build_robot(self, robot: RobotModel) -> None:
         prefix = f"Robots.{robot.name}"
         parent = self._parents[robot.key] = self._parts.group(_ROBOTS)
         node = self._parts.object(
@@ -282,7 +303,7 @@ class FleetNodes:
         for name in TRAFFIC_FIELDS:
             self._parts.variable(NodeId(self.ns, f"{prefix}.{name}"), name, node, data_type, self._parts.waiting)
         drops = self._parts.folder(f"{prefix}.Drops", "Drops", node)
-        for drop in Drop:
+        for drop in OF_BRIDGES:
             key = NodeId(self.ns, f"{prefix}.{drop_field(drop.value)}")
             self._parts.variable(key, drop.value, drops, data_type, self._parts.waiting, own_name=True)
 
@@ -336,4 +357,7 @@ class FleetNodes:
         has_value = writable and field.initial is not None
         now = self._parts.now
         value = data_value(field.type, field.initial, 0, now, now) if has_value else None
-        self._parts.field(field, browse_name, parent, writable=writable, description=description, value=value)
+        kept = self._rules is not None and self._rules.of(field.key) is not None
+        self._parts.field(
+            field, browse_name, parent, writable=writable, historizing=kept, description=description, value=value
+        )

@@ -13,6 +13,7 @@ from asyncua import ua
 
 from ua_fleet.endpoint.convert import fleet_variant
 from ua_fleet.endpoint.users import User
+from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.commands import Commands, Publication
 from ua_fleet.nodes.address_space import FleetNodes
 from ua_fleet.values import NodeId, StatusCode, datetime_from_ticks, ticks_from_datetime
@@ -30,6 +31,7 @@ class ClientWrites:
         publish: Callable[[Publication], None],
         flush_soon: Callable[[], None],
         wall_ticks: Callable[[], int],
+        record: Callable[[ValueChanged], None] = lambda _change: None,
     ) -> None:
         """Connect the write service with the data of space 0.
 
@@ -37,9 +39,11 @@ class ClientWrites:
             commands: the DataSets that clients may write.
             nodes: the nodes that show them.
             publish: sends a DataSet.
-            flush_soon: sees to it that `commands.flush` is published when the current request is done.
+            flush_soon: sees to it that `commands.flush` is published.
             wall_ticks: the time.
+            record: told of each value that was written.
         """
+        self._record = record
         self._commands = commands
         self._nodes = nodes
         self._publish = publish
@@ -69,9 +73,16 @@ class ClientWrites:
         timestamp, before = self._commands.write(key, type_code, content, source_timestamp, self._wall_ticks())
         if before is not None:
             self._publish(before)
+        self._record(ValueChanged(key, type_code, content, int(StatusCode.GOOD), timestamp, False))
         if source_timestamp != timestamp:
             time: Any = datetime_from_ticks(timestamp)
             self._nodes.values[key].value = dataclasses.replace(value, SourceTimestamp=time, SourcePicoseconds=None)
+
+    def request_done(self) -> None:
+        """All writes of a request have been done: the fields of a DataSet that it has written are published at once.
+
+        Not before: a request that takes long is worked on in several turns.
+        """
         self._flush_soon()
 
 

@@ -78,6 +78,7 @@ class NodeFactory:
         parent: ua.NodeId,
         *,
         writable: bool = False,
+        historizing: bool = False,
         description: str = "",
         reference: ua.NodeId = HAS_COMPONENT,
         value: ua.DataValue | None = None,
@@ -96,6 +97,7 @@ class NodeFactory:
             value_rank=(0 if code & DIMENSIONS else 1) if code & ARRAY else -1,
             array_length=field.length,
             writable=writable,
+            historizing=historizing,
             description=description,
             reference=reference,
         )

@@ -122,7 +122,7 @@ class ScenarioMethods:
         add(SCENARIOS, "List", observer, self._list, (), (
             MethodArgument("Names", _TEXTS, "the scenarios of the folder"),
             MethodArgument("Descriptions", _TEXTS, "what they are for"),
-            MethodArgument("Problems", _COUNTS, "how many mistakes each file has by itself"),
+            MethodArgument("Problems", _COUNTS, "how many problems each has, as Validate tells them"),
         ))  # fmt: skip
         stored = MethodArgument("Name", _TEXT, "name of the scenario: letters, digits, _ and -")
         version = MethodArgument("Version", _TEXT, "the version that was read; empty for a scenario that is new")

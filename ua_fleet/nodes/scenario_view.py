@@ -16,6 +16,7 @@ from ua_fleet.nodes.alarms import Comment, alarm_fields, alarm_message, severity
 from ua_fleet.nodes.events import ServerEvents
 from ua_fleet.nodes.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.nodes.projection import Projection
+from ua_fleet.nodes.published_events import PublishedEvents
 from ua_fleet.nodes.scenario_events import Told, decision_event, fact_event, hold_event, question_event
 from ua_fleet.nodes.scenario_nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes, ticks_of
 from ua_fleet.operation.runs.records import DecisionRecord, RunRecord
@@ -31,7 +32,7 @@ from ua_fleet.orchestrator import (
     RunChanged,
     TaskWaiting,
 )
-from ua_fleet.values import NodeId
+from ua_fleet.values import BuiltinType, NodeId, Variant
 
 __all__ = ["ScenarioView"]
 
@@ -45,10 +46,19 @@ class ScenarioView:
     """Keeps the records, the nodes and the events of runs, decisions and faults."""
 
     def __init__(
-        self, nodes: ScenarioNodes, events: ServerEvents, projection: Projection, wall_ticks: Callable[[], int]
+        self,
+        nodes: ScenarioNodes,
+        events: ServerEvents,
+        projection: Projection,
+        wall_ticks: Callable[[], int],
+        published: PublishedEvents | None = None,
     ) -> None:
-        """Connect the parts; the projection makes the events in one order with the values of the nodes."""
+        """Connect the parts; the projection makes the events in one order with the values of the nodes.
+
+        `published` publishes events on PubSub too.
+        """
         self._nodes, self._events, self._projection, self._wall_ticks = nodes, events, projection, wall_ticks
+        self._published = published
         self.runs: dict[str, RunRecord] = {}
         self.decisions: OrderedDict[str, DecisionRecord] = OrderedDict()
         self._event_ids: dict[str, deque[bytes]] = {}
@@ -193,6 +203,11 @@ class ScenarioView:
         )
 
     def _emit(self, told: Told, source: NodeId, name: str, ticks: int, subscription_id: int | None = None) -> None:
+        fields = told.fields
+        if self._published is not None and subscription_id is None:
+            event_id = secrets.token_bytes(16)
+            fields = {"EventId": Variant(int(BuiltinType.BYTE_STRING), event_id), **fields}
+            self._published.tell(told, event_id, source, name, ticks)
         self._events.emit(
             raw_id(told.kind.value, TYPES_INDEX),
             source=source,
@@ -200,6 +215,6 @@ class ScenarioView:
             message=told.message,
             severity=told.severity,
             ticks=ticks,
-            fields=told.fields,
+            fields=fields,
             subscription_id=subscription_id,
         )

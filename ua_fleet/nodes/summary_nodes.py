@@ -53,6 +53,7 @@ class SummaryNodes:
         put: Callable[[ValueChanged], None],
         wall_ticks: Callable[[], int],
         mistakes: Mistakes,
+        told: Callable[[SummaryRecord], None] | None = None,
     ) -> None:
         """Prepare to make the nodes.
 
@@ -63,7 +64,9 @@ class SummaryNodes:
             put: has a value written.
             wall_ticks: the wall clock.
             mistakes: counts what has cost a robot its summary.
+            told: gets the summary of each robot of which something may have changed.
         """
+        self._told = told
         self._parts, self._state, self._activities = parts, state, activities
         self._put, self._wall_ticks, self._mistakes = put, wall_ticks, mistakes
         self._summaries = Summaries()
@@ -107,6 +110,8 @@ class SummaryNodes:
             self._forget(name)
             return
         summary = self._summary(robot)
+        if self._told is not None:
+            self._told(summary)
         known = self._encoded.get(name)
         if known is None or known[0] != summary:
             body = bytearray()

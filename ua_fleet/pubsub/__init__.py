@@ -17,6 +17,7 @@ from ua_fleet.pubsub.complaints import Complaint
 from ua_fleet.pubsub.events import (
     AnnouncementReceived,
     DataReceived,
+    EventReceived,
     MetaDataReceived,
     ProbeDue,
     ProbeReceived,
@@ -40,6 +41,7 @@ __all__ = [
     "Application",
     "Complaint",
     "DataReceived",
+    "EventReceived",
     "LoopRule",
     "MetaDataReceived",
     "ProbeDue",

@@ -7,16 +7,20 @@ least half a second apart: many who ask at once get one answer, and what changes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import islice
 from typing import Final, NamedTuple
 
 from ua_fleet.errors import LocalWireError
-from ua_fleet.pubsub.application import UDP_UADP, Application
-from ua_fleet.pubsub.configuring import WriterGroups, connection, writer_group
+from ua_fleet.pubsub.application import Application
+from ua_fleet.pubsub.components import CONNECTION, Component, Components
+from ua_fleet.pubsub.configuring import WriterGroups, connection, group_name, writer_group
 from ua_fleet.pubsub.due import DueTimes
+from ua_fleet.pubsub.layout import PLAIN, WriterSettings
 from ua_fleet.pubsub.pacing import Pace
 from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.topics import Topic
 from ua_fleet.values import TICKS_PER_SECOND, StatusCode
 from ua_fleet.wire import encode_announcement
 from ua_fleet.wire.discovered import (
@@ -78,7 +82,14 @@ class Announcer:
     """The announcements of one Publisher, with their times. Every method that sends returns datagrams, in order."""
 
     def __init__(
-        self, publisher_id: int, timing: PubSubTiming, application: Application, number: Callable[[], int], pace: Pace
+        self,
+        publisher_id: int,
+        timing: PubSubTiming,
+        application: Application,
+        number: Callable[[], int],
+        pace: Pace,
+        settings: Mapping[Topic, WriterSettings],
+        components: Components,
     ) -> None:
         """Make an announcer.
 
@@ -88,9 +99,12 @@ class Announcer:
             application: what the process says of itself.
             number: gives the next SequenceNumber, of which there is one row for all announcements of a Publisher.
             pace: what may be sent at once.
+            settings: how DataSetWriters send that do not send key frames of Variants.
+            components: what is disabled.
         """
+        self._components = components
         self._id, self._timing, self.application = publisher_id, timing, application
-        self._number, self._pace = number, pace
+        self._number, self._pace, self._settings = number, pace, settings
         self._groups = WriterGroups()
         self._actions: dict[int, tuple[int, ActionMetaDataAnnouncement]] = {}
         """With the WriterGroupId. A retired one stays, without targets, so that who missed it still learns it."""
@@ -105,12 +119,26 @@ class Announcer:
         self._now = 0.0
 
     def begin(self, now: float, wall_ticks: int) -> list[bytes]:
-        """Say who this is and that it is Operational, now and from now on with a period."""
+        """Say who this is and that it is Operational, now and from now on with a period.
+
+        Over a broker that is said once, with all that the broker is to keep: who comes later gets it from there.
+        """
         self._wall_offset = 0
         self.set_clock(now, wall_ticks)
         self._want(_APPLICATION, now)
         self._want(_STATUS, now)
+        if self.application.is_brokered:
+            self._want_parts(_CONNECTIONS, now, (True, True))
+            self._want_parts(_RESPONDER, now, (True, True))
+            if self.application.endpoints:
+                self._want(_ENDPOINTS, now)
         return self.poll(now)
+
+    def describe(self, application: Application) -> None:
+        """Say this of the process from now on; over a broker it is said at once."""
+        self.application = application
+        if application.is_brokered and self._wall_offset is not None:
+            self._want(_ENDPOINTS, self._now)
 
     def end(self) -> list[bytes]:
         """Say that nothing more comes. The status is not cyclic: no next one is promised."""
@@ -127,13 +155,56 @@ class Announcer:
 
     def put_writer(self, ns: int, writer_id: int, name: str, now: float) -> None:
         """A DataSetWriter is new, or has another name: say it soon, together with its neighbours."""
-        if self._groups.put(ns, writer_id, name) and self._wall_offset is not None:
-            self._want(_Key("group", ns), now + ANSWER_INTERVAL_S, (writer_id,))
+        if self._groups.put(ns, writer_id, name):
+            self._tell_writer(ns, writer_id, now + ANSWER_INTERVAL_S)
 
     def remove_writer(self, ns: int, writer_id: int) -> None:
         """A DataSetWriter is gone: say that soon."""
-        if self._groups.remove(ns, writer_id) and self._wall_offset is not None:
-            self._want(_Key("group", ns), self._now + ANSWER_INTERVAL_S, (writer_id,))
+        if self._groups.remove(ns, writer_id):
+            self._tell_writer(ns, writer_id, self._now + ANSWER_INTERVAL_S)
+
+    def names_of(self, writer_id: int) -> tuple[str, str] | None:
+        """The names of the WriterGroup and of the DataSetWriter with an id, also of an Action's; None without one."""
+        for ns in self._groups.of_writer(writer_id):
+            return group_name(ns), self._groups.names(ns)[writer_id]
+        if (entry := self._actions.get(writer_id)) is None:
+            return None
+        ns, action = entry
+        name = action.request.name or str(writer_id)
+        others = [other for other, (_, known) in self._actions.items() if known.request.name == action.request.name]
+        return group_name(ns, are_actions=True), name if others[0] == writer_id else f"{name}-{writer_id}"
+
+    def switched(self, component: Component, now: float) -> list[bytes]:
+        """Tell of what was disabled or enabled: of a PubSubConnection at once, of the rest soon."""
+        if self._wall_offset is None:
+            return []
+        if component == CONNECTION:
+            self._want(_STATUS, now)
+            self._want_parts(_CONNECTIONS, now, (True, True))
+        elif self.application.is_brokered:
+            self._want_parts(_CONNECTIONS, now, (True, True))
+        else:
+            ns, *writer_ids = [int(number) for number in component[1:]]
+            self._want(_Key("group", ns), now, writer_ids)
+        return self.poll(now)
+
+    def configuration(self, number: int = 0) -> PubSubConnection:
+        """A PubSubConnection of this process as it is announced, with its WriterGroups, these without writers."""
+        application = self.application.connections[number]
+        return self._connection(application, self._data_groups(False, application))
+
+    def group(self, ns: int, number: int = 0) -> WriterGroup:
+        """A WriterGroup as it is announced of a PubSubConnection, with its DataSetWriters."""
+        return self._data_group(self.application.connections[number], ns, self._groups.names(ns).items())
+
+    def _tell_writer(self, ns: int, writer_id: int, due: float) -> None:
+        """Say what a DataSetWriter is now, once this is Operational."""
+        if self._wall_offset is None:
+            return
+        if self.application.is_brokered:
+            self._want_parts(_CONNECTIONS, due, (True, True))
+        if self.application.is_grouped:
+            self._want(_Key("group", ns), due, (writer_id,))
 
     def action(self, writer_id: int) -> ActionMetaDataAnnouncement | None:
         """The Action of a DataSetWriter as it is announced."""
@@ -151,6 +222,8 @@ class Announcer:
             raise LocalWireError(f"the Action {action.request.name}: {size} bytes of metadata are too many")
         self._actions[action.data_set_writer_id] = ns, action
         self._want(_Key("action", action.data_set_writer_id), now)
+        if self.application.is_brokered and self._wall_offset is not None:
+            self._want_parts(_RESPONDER, now + ANSWER_INTERVAL_S, (True, True))
         return self.poll(now)
 
     def ask(self, probe: Probe, now: float) -> None:
@@ -170,7 +243,9 @@ class Announcer:
         elif kind == ProbeKind.WRITER_GROUP_CONFIGURATION:
             for ns in (probe.writer_group_id,) if probe.writer_group_id else self._groups.numbers():
                 self._ask_group(ns, probe.include_data_set_writers, now)
-        elif not probe.transport_profile_uris or UDP_UADP in probe.transport_profile_uris:
+        elif not probe.transport_profile_uris or any(
+            each.profile in probe.transport_profile_uris for each in self.application.connections
+        ):
             parts = probe.include_writer_groups, probe.include_writer_groups and probe.include_data_set_writers
             self._want_parts(_CONNECTIONS, now, parts)
             if self._actions:
@@ -222,7 +297,9 @@ class Announcer:
         if self._wall_offset is None:
             return
         if key == _STATUS:
-            self._want(key, now + self._timing.status_interval_s)
+            # Over a broker its end is told by that one. What is Disabled is not said again (7.2.4.6.7).
+            if self.application.is_grouped and self._components.is_enabled(CONNECTION):
+                self._want(key, now + self._timing.status_interval_s)
         elif key == _APPLICATION or key.kind == "action":
             self._want(key, now + self._timing.announce_interval_s)
 
@@ -264,6 +341,10 @@ class Announcer:
             return [ApplicationAnnouncement(*head, application.description, application.capabilities)]
         if self._wall_offset is None:
             return []
+        if not self._components.is_enabled(CONNECTION):
+            return [StatusAnnouncement(*head, False, PubSubState.DISABLED.value)]
+        if not application.is_grouped:
+            return [StatusAnnouncement(*head, False, PubSubState.OPERATIONAL.value)]
         wall = self._wall_offset + round(now * TICKS_PER_SECOND)
         following = wall + round(self._timing.status_interval_s * TICKS_PER_SECOND)
         return [StatusAnnouncement(*head, True, PubSubState.OPERATIONAL.value, following, wall)]
@@ -281,23 +362,35 @@ class Announcer:
     def _group_announcement(self, ns: int, ids: tuple[int, ...]) -> AnyAnnouncement:
         names = self._groups.names(ns)
         writers = [(writer_id, names[writer_id]) for writer_id in ids if writer_id in names]
-        group = writer_group(self.application, self._timing, ns, writers)
+        group = self._data_group(self.application, ns, writers)
         statuses = tuple([0 if writer_id in names else _NOT_FOUND for writer_id in ids])
         return WriterConfigurationAnnouncement(self._id, _UINT16, 0, ids, group, statuses)
 
-    def _data_groups(self, with_writers: bool) -> list[WriterGroup]:
+    def _data_groups(self, with_writers: bool, application: Application) -> list[WriterGroup]:
         return [
-            writer_group(self.application, self._timing, ns, self._groups.names(ns).items() if with_writers else ())
+            self._data_group(application, ns, self._groups.names(ns).items() if with_writers else ())
             for ns in self._groups.numbers()
         ]
 
-    def _action_groups(self, with_writers: bool) -> list[WriterGroup]:
+    def _data_group(self, application: Application, ns: int, writers: Iterable[tuple[int, str]]) -> WriterGroup:
+        return writer_group(
+            application,
+            self._timing,
+            ns,
+            writers,
+            settings=lambda writer_id: self._settings.get(Topic(self._id, ns, writer_id), PLAIN),
+            is_enabled=self._components.is_enabled,
+        )
+
+    def _action_groups(self, with_writers: bool, application: Application) -> list[WriterGroup]:
+        if not application.takes_actions:
+            return []
         writers: dict[int, list[tuple[int, str]]] = {}
         for writer_id, (ns, action) in self._actions.items():
             if action.targets:
                 writers.setdefault(ns, []).append((writer_id, action.request.name))
         return [
-            writer_group(self.application, self._timing, ns, ids if with_writers else (), are_actions=True)
+            writer_group(application, self._timing, ns, ids if with_writers else (), are_actions=True)
             for ns, ids in writers.items()
         ]
 
@@ -305,19 +398,26 @@ class Announcer:
         self,
         make: _Make,
         parts: tuple[bool, bool],
-        groups_of: Callable[[bool], list[WriterGroup]],
+        groups_of: Callable[[bool, Application], list[WriterGroup]],
     ) -> AnyAnnouncement:
-        """The connection with what was asked for, as far as one message can hold it: other probes ask for the rest."""
+        """The connections with what was asked for, as far as one message can hold it: other probes ask for the rest."""
         with_groups, with_writers = parts
         choices = [True] * (with_groups and with_writers) + [False] * with_groups
         for has_writers in choices:
-            announcement = self._whole(make, tuple(groups_of(has_writers)))
+            announcement = self._whole(make, partial(groups_of, has_writers))
             if len(encode_announcement(announcement)) <= self.application.max_message_bytes:
                 return announcement
-        return self._whole(make, ())
+        return self._whole(make, lambda _: [])
 
-    def _whole(self, make: _Make, groups: tuple[WriterGroup, ...]) -> AnyAnnouncement:
-        return make(self._id, _UINT16, 0, (connection(self.application, self._timing, self._id, groups),))
+    def _whole(self, make: _Make, groups_of: Callable[[Application], list[WriterGroup]]) -> AnyAnnouncement:
+        made = [self._connection(each, groups_of(each)) for each in self.application.connections]
+        if make is not ConnectionsAnnouncement:
+            made = [each._replace(enabled=True) for each in made]
+        return make(self._id, _UINT16, 0, tuple(made))
+
+    def _connection(self, application: Application, groups: list[WriterGroup]) -> PubSubConnection:
+        made = connection(application, self._timing, self._id, tuple(groups))
+        return made._replace(enabled=self._components.is_enabled(CONNECTION))
 
     def _encode(self, announcement: AnyAnnouncement) -> bytes:
         return encode_announcement(announcement._replace(sequence_number=self._number()))

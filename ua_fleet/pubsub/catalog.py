@@ -10,9 +10,10 @@ from typing import Final
 
 from ua_fleet.pubsub.mapped import PublisherKey
 from ua_fleet.pubsub.remote_writer import UNBOUND, RemoteWriter
+from ua_fleet.values import LocalizedText
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 
-__all__ = ["Catalog"]
+__all__ = ["Catalog", "metadata_size"]
 
 _VERSIONS: Final = 4
 """Versions of one DataSetWriter that are remembered: messages of the one before may still be on their way."""
@@ -28,12 +29,29 @@ _BYTES_FOR_ONE_HEARD: Final = 2_000
 _Key = tuple[PublisherKey, int]
 
 
-def _size(metadata: DataSetMetaData) -> int:
+def metadata_size(metadata: DataSetMetaData) -> int:
     """About the memory that metadata takes, in bytes."""
-    return _METADATA_BYTES + sum(
-        _FIELD_BYTES + len(field.name) + sum(_property_size(value) for _, _, value in field.properties)
-        for field in metadata.fields
+    described = [(field.name, field.description) for one in metadata.structures for field in one.fields]
+    described += [(field.name, field.description) for one in metadata.enumerations for field in one.fields]
+    return (
+        _METADATA_BYTES
+        + len(metadata.name)
+        + _text(metadata.description)
+        + sum(map(len, metadata.namespaces))
+        + sum(_FIELD_BYTES + len(name) + _text(description) for name, description in described)
+        + _FIELD_BYTES * (len(metadata.structures) + len(metadata.enumerations) + len(metadata.simple_types))
+        + sum(
+            _FIELD_BYTES
+            + len(field.name)
+            + _text(field.description)
+            + sum(_property_size(value) for _, _, value in field.properties)
+            for field in metadata.fields
+        )
     )
+
+
+def _text(text: LocalizedText) -> int:
+    return len(text.text or "") + len(text.locale or "")
 
 
 def _property_size(value: object) -> int:
@@ -91,9 +109,18 @@ class Catalog:
         entry = self._entries.get(key)
         return [] if entry is None else entry.writers
 
-    def announced(self, key: _Key, metadata: DataSetMetaData) -> None:
-        """Take an announcement; the oldest that no writer was heard for goes where there are too many."""
+    def announced(self, key: _Key, metadata: DataSetMetaData, *, is_fresh: bool = True) -> bool:
+        """Take an announcement; the oldest that no writer was heard for goes where there are too many.
+
+        One that is not fresh, as a broker has kept it, is taken where its version is the latest; says whether it was.
+        """
         entry = self._entries.get(key)
+        if (
+            not is_fresh
+            and entry is not None
+            and any(known > metadata.configuration_version for known in entry.versions)
+        ):
+            return False
         if entry is None:
             if len(self._orphans) >= self._max_orphans:
                 self._forget_oldest()
@@ -102,13 +129,13 @@ class Catalog:
         versions = entry.versions
         version = metadata.configuration_version
         if versions.get(version) == metadata:
-            return
+            return True
         before = entry.size
         versions.pop(version, None)
         versions[version] = metadata
         if len(versions) > _VERSIONS:
             del versions[next(iter(versions))]
-        entry.size = sum(map(_size, versions.values()))
+        entry.size = sum(map(metadata_size, versions.values()))
         if entry.writers:
             self._heard_bytes += entry.size - before
             self._make_fit(entry)
@@ -118,11 +145,12 @@ class Catalog:
                 self._forget_oldest()
         for writer in entry.writers:
             writer.major = UNBOUND
+        return True
 
     def _make_fit(self, entry: _Entry) -> None:
         """Forget the oldest versions of an entry until there is room for what is left, if anything."""
         while self._heard_bytes > self._most_heard_bytes and entry.versions:
-            gone = _size(entry.versions.pop(next(iter(entry.versions))))
+            gone = metadata_size(entry.versions.pop(next(iter(entry.versions))))
             entry.size -= gone
             self._heard_bytes -= gone
 

@@ -14,6 +14,7 @@ __all__ = [
     "ActionReceived",
     "AnnouncementReceived",
     "DataReceived",
+    "EventReceived",
     "MetaDataReceived",
     "ProbeDue",
     "ProbeReceived",
@@ -29,6 +30,14 @@ __all__ = [
 
 class DataReceived(NamedTuple):
     """A key frame with a new Timestamp, checked against its metadata. Handed on exactly once."""
+
+    topic: Topic
+    message: DataSetMessage
+    metadata: DataSetMetaData
+
+
+class EventReceived(NamedTuple):
+    """An event, checked against its metadata: something that happened, and no state that anything is in."""
 
     topic: Topic
     message: DataSetMessage
@@ -130,6 +139,7 @@ class ProbeDue(NamedTuple):
 
 SubscriberEvent = (
     DataReceived
+    | EventReceived
     | MetaDataReceived
     | SourceUnknown
     | SourceSilent

@@ -72,6 +72,16 @@ class Liveness:
             self.add(writer)
             events.append(SourceStale(writer.topic))
 
+    def end(self, writer: RemoteWriter, events: list[SubscriberEvent]) -> None:
+        """A writer's publisher is gone: it is silent from now on, as if it had said nothing for the timeout."""
+        if writer.silent or writer.metadata is None:
+            return
+        writer.entry = next(self._order)  # its deadline counts no more
+        writer.silent, writer.stale = True, False
+        writer.silences += 1
+        self._silent[writer] = None
+        events.append(SourceSilent(writer.topic))
+
     def poll(
         self, now: float, caught: Callable[[str, Exception], None] | None = None
     ) -> tuple[list[SubscriberEvent], list[RemoteWriter]]:
@@ -116,6 +126,7 @@ class Liveness:
             events.append(SourceStale(writer.topic))
         else:
             writer.silent, writer.stale = True, False
+            writer.silences += 1
             self._silent[writer] = None
             events.append(SourceSilent(writer.topic))
 

@@ -46,6 +46,14 @@ class MappedSources:
         self._publishers = frozenset([source.publisher for source in self._sources.values()])
         self.topics = frozenset([source.topic for source in self._sources.values()])
         """The data sources that they are. Nobody else is one of these."""
+        self.stated = frozenset(
+            [
+                (source.publisher, source.data_set_writer_id)
+                for source in self._sources.values()
+                if source.metadata is not None and isinstance(source.publisher, int)
+            ]
+        )
+        """PublisherIds and DataSetWriterIds of those that announce nothing."""
 
     def __bool__(self) -> bool:
         return bool(self._sources)

@@ -14,6 +14,7 @@ from ua_fleet.wire.messages import DataSetMetaData, FieldMetaData
 
 __all__ = [
     "MAX_AGE",
+    "NODE_ONLY",
     "PropertyValue",
     "field_property",
     "fields_version",
@@ -27,6 +28,9 @@ __all__ = [
 
 MAX_AGE: Final = "MaxAge"
 """Property of a DataSet's first field: for how long a value counts as one of now after it was read, a Duration (ms)."""
+
+NODE_ONLY: Final = "NodeOnly"
+"""Property of a DataSet's first field: the data is for the server's nodes and has no form in a robot's space."""
 
 PropertyValue = bool | int | float | str | tuple[float, ...]
 """What a property of ours may hold."""

@@ -13,23 +13,35 @@ the two apart. A keep-alive attests the source, not this process.
 from __future__ import annotations
 
 import heapq
+from collections import Counter
+from collections.abc import Mapping
 from itertools import count
+from types import MappingProxyType
 from typing import Any, Final
 
-from ua_fleet.counters import Counters
+from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError
 from ua_fleet.pubsub.announcer import ANSWER_INTERVAL_S, Announcer
 from ua_fleet.pubsub.application import MAX_DATAGRAM_BYTES, PRODUCT_URI, Application, describe
+from ua_fleet.pubsub.components import Components
+from ua_fleet.pubsub.layout import PLAIN, WriterSettings
 from ua_fleet.pubsub.metadata import fields_version, with_max_age
 from ua_fleet.pubsub.pacing import Pace
 from ua_fleet.pubsub.packing import HEADER_BYTES, MAX_PACKED_BYTES, pack
 from ua_fleet.pubsub.sequence import MASK
+from ua_fleet.pubsub.switching import WriterSwitches
 from ua_fleet.pubsub.timing import PubSubTiming, version_time
 from ua_fleet.pubsub.writer import Writer
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode
 from ua_fleet.wire import Codec, encode_metadata_announcement
-from ua_fleet.wire.discovered import ActionMetaDataAnnouncement, ActionMethod, ActionTarget
+from ua_fleet.wire.discovered import (
+    ActionMetaDataAnnouncement,
+    ActionMethod,
+    ActionTarget,
+    PubSubConnection,
+    WriterGroup,
+)
 from ua_fleet.wire.messages import (
     ConfigurationVersion,
     DataSetMessage,
@@ -70,6 +82,7 @@ class Publisher:
         application: Application | None = None,
         *,
         max_packed_bytes: int = MAX_PACKED_BYTES,
+        settings: Mapping[Topic, WriterSettings] | None = None,
     ) -> None:
         """Make a publisher without writers.
 
@@ -81,6 +94,7 @@ class Publisher:
             application: what the process says of itself when it is asked; the size of its messages stands there too.
             max_packed_bytes: several DataSetMessages share a NetworkMessage up to this size; it must fit into a
                 datagram, since only a NetworkMessage of one DataSetMessage can be sent as chunks.
+            settings: how writers send that do not send key frames of Variants.
         """
         self._id = publisher_id
         self._timing = timing
@@ -88,6 +102,8 @@ class Publisher:
         self._counters = counters
         self._codec = codec
         self._max_packed_bytes = min(max_packed_bytes, MAX_PACKED_BYTES)
+        if application is not None and application.is_brokered:
+            self._max_packed_bytes = 0  # each DataSetWriter has a topic of its own (6.4.2.5.1)
         self._writers: dict[tuple[int, int, int], Writer] = {}
         self._by_id: dict[int, list[Writer]] = {}
         """The writers of each DataSetWriterId: one, unless several WriterGroups use it."""
@@ -100,11 +116,38 @@ class Publisher:
         self._pace = Pace()
         if application is None:
             application = Application(describe(f"{PRODUCT_URI}:{publisher_id}", f"publisher {publisher_id}"))
-        self._announcer = Announcer(publisher_id, timing, application, self._next_announcement_number, self._pace)
+        self.sent_messages = Counter[int]()
+        """NetworkMessages by WriterGroupId."""
+        self._settings = settings or {}
+        components = Components()
+        self._announcer = Announcer(
+            publisher_id,
+            timing,
+            application,
+            self._next_announcement_number,
+            self._pace,
+            self._settings,
+            components,
+        )
+        self.switches = WriterSwitches(components, self._writers, self._announcer, self.source_lost, self._queue)
+        """Disables DataSetWriters, and enables them."""
+
+    @property
+    def writers(self) -> Mapping[Any, Writer]:
+        """The writers by Topic, retired ones too; a live view."""
+        return MappingProxyType(self._writers)
+
+    def configuration(self, number: int = 0) -> PubSubConnection:
+        """How one of its PubSubConnections is configured, down to the WriterGroups."""
+        return self._announcer.configuration(number)
+
+    def group(self, ns: int, number: int = 0) -> WriterGroup:
+        """How a WriterGroup of a PubSubConnection is configured, with its DataSetWriters."""
+        return self._announcer.group(ns, number)
 
     def describe(self, application: Application) -> None:
         """Say this of the process from now on."""
-        self._announcer.application = application
+        self._announcer.describe(application)
 
     def begin(self, *, now: float, wall_ticks: int) -> list[bytes]:
         """Announce the application, and that it is Operational; `poll` does so again with a period."""
@@ -128,7 +171,7 @@ class Publisher:
         if topic.space != self._id:
             raise LocalWireError(f"{topic.name} does not originate in space {self._id}")
         known = self._writers.get(topic)
-        writer = known or Writer(topic)
+        writer = known or self._new_writer(topic)
         metadata = self._versioned(writer, name, fields, wall_ticks)
         announcement = self._announcement(writer.topic.id, metadata)
         if known is None:
@@ -137,6 +180,9 @@ class Publisher:
         if writer.encode is None or metadata is not writer.metadata:
             writer.lay_out(metadata, self._codec)
         self._announcer.put_writer(topic.ns, topic.id, name, now)
+        if writer.is_off:
+            writer.was_alive = True
+            return []
         writer.announce_at = now + self._timing.announce_interval_s
         writer.sent_at = now
         self._revive(writer, now)
@@ -152,7 +198,7 @@ class Publisher:
         now: float,
         types: tuple[int, ...] | None = None,
     ) -> list[bytes]:
-        """Send a key frame at once.
+        """Send a message at once: a key frame, unless the writer is set otherwise.
 
         Args:
             topic: an announced source.
@@ -168,32 +214,50 @@ class Publisher:
         writer = self._writers.get(topic)
         if writer is None or (encode := writer.encode) is None:
             raise LocalWireError(f"{topic.name} is published before it is announced")
+        maker = writer.maker
         if types is None:
             types = writer.types
         elif types != writer.types:
             if len(types) != len(writer.types):
                 raise LocalWireError(f"{topic.name}: {len(types)} types for {len(writer.types)} fields")
-            encode = writer.encoder(types, self._codec)
+            if maker is None:
+                encode = writer.encoder(types, self._codec)
         if timestamp <= writer.timestamp:
             timestamp = writer.timestamp + 1
         number = writer.next_number
-        datagram = encode(number, timestamp, status, values)
+        frame = None if maker is None else maker.make(number, timestamp, status, types, values)
+        datagram = encode(number, timestamp, status, values) if frame is None else frame.datagram
         size = len(datagram)
         if size > (most := self._announcer.application.max_message_bytes):
             raise LocalWireError(f"{topic.name}: {size} bytes, and the largest message may have {most}")
+        if writer.is_off:  # only now: what does not fit is refused before it is kept
+            self._counters.drop(Drop.DISABLED)
+            writer.keep(types, values, status, timestamp, size - HEADER_BYTES if frame is None else frame.size)
+            return []
         writer.next_number = (number + 1) & MASK
         writer.timestamp = timestamp
-        is_first = writer.values is None
-        writer.values = values
-        writer.sent_types = types
-        writer.status = status
-        writer.size = size - HEADER_BYTES
         writer.sent_at = now
-        writer.repeat_at = now + self._repeat_after_s(writer)
+        is_first = False
+        if maker is not None and frame is not None:
+            maker.taken(frame)
+        if not writer.settings.are_events:
+            is_first = writer.values is None
+            writer.values = values
+            writer.sent_types = types
+            writer.status = status
+            writer.size = size - HEADER_BYTES if frame is None else frame.size
+            if frame is None or frame.is_key:  # a delta frame says nothing to one who comes late
+                writer.repeat_at = now + self._repeat_after_s(writer)
         if is_first or not writer.alive:
             self._revive(writer, now)
         self._counters.messages_out += 1
+        self.sent_messages[topic.ns] += 1
         return [datagram]
+
+    def count_failed(self, topic: Topic) -> None:
+        """A message of a source could not be made."""
+        if (writer := self._writers.get(topic)) is not None:
+            writer.failed += 1
 
     def restate(self, topic: Topic, *, status: int, timestamp: int = 0, now: float) -> list[bytes]:
         """Say the last values of a source that is alive with another status, as of `timestamp` if that is later.
@@ -201,14 +265,19 @@ class Publisher:
         Nothing where there are none.
         """
         writer = self._writers.get(topic)
-        if writer is None or not writer.alive or writer.values is None:
+        if writer is None or writer.values is None or not (writer.alive or writer.was_alive):
             return []
         return self.publish(topic, writer.values, timestamp=timestamp, status=status, now=now, types=writer.sent_types)
 
     def source_lost(self, topic: Topic, *, timestamp: int, now: float) -> list[bytes]:
         """Say once that the source is gone, with its last values; then be silent until `announce` or `publish`."""
         writer = self._writers.get(topic)
+        if writer is not None:
+            writer.was_alive = False
         if writer is None or not writer.alive:
+            return []
+        if writer.settings.are_events:  # there is no last value that could be of now
+            writer.alive = False
             return []
         status = int(StatusCode.BAD_NO_COMMUNICATION)
         values, types = writer.values, writer.sent_types
@@ -218,6 +287,11 @@ class Publisher:
         datagrams = self.publish(topic, values, timestamp=timestamp, status=status, now=now, types=types)
         writer.alive = False
         return datagrams
+
+    def _new_writer(self, topic: Topic) -> Writer:
+        writer = Writer(topic, self._settings.get(topic, PLAIN))
+        writer.is_off = self.switches.is_off(topic)
+        return writer
 
     def retire(self, topic: Topic) -> None:
         """Forget a source. Its numbers are kept, so that they go on if it is announced again."""
@@ -305,7 +379,7 @@ class Publisher:
         if probe.data_set_writer_ids:
             self._announcer.deny([asked for asked, writers in announced if not any(w.encode for w in writers)], now)
         for writer in [writer for _, writers in announced for writer in writers]:
-            if writer.encode is None or writer.answer_pending:
+            if writer.encode is None or writer.answer_pending or writer.is_off:
                 continue
             writer.answer_pending = True
             due = max(now, writer.answered_at + ANSWER_INTERVAL_S)
@@ -360,6 +434,10 @@ class Publisher:
             return None
         ready = self._pace.ready_at
         return due if due > ready else ready
+
+    def names_of(self, writer_id: int) -> tuple[str, str] | None:
+        """The names of the WriterGroup and of the DataSetWriter with an id, also of an Action's; None without one."""
+        return self._announcer.names_of(writer_id)
 
     def metadata(self, topic: Topic) -> DataSetMetaData | None:
         """The metadata that is announced for a source, or None."""
@@ -423,7 +501,7 @@ class Publisher:
                 break
             _, _, writer = heapq.heappop(answers)
             writer.answer_pending = False
-            if writer.encode is None:
+            if writer.encode is None or writer.is_off:
                 continue
             writer.answered_at = now
             datagrams.append(self._announce_again(writer, now))
@@ -461,6 +539,7 @@ class Publisher:
         for ns, batch in batches.items():
             for messages in pack(batch, self._max_packed_bytes):
                 self._counters.messages_out += len(messages)
+                self.sent_messages[ns] += 1
                 self._pace.take(0, datagrams=1)
                 datagrams.append(
                     self._codec.encode(NetworkMessage(self._id, _UINT16, writer_group_id=ns, messages=messages))

@@ -4,7 +4,7 @@ Sequences are tracked for each DataSetWriter, never for the group. Of a message 
 
     the next one             taken
     a newer one              taken; what is missing between is counted
-    counted as missing       late: taken if its Timestamp is the latest (a keep-alive was faster), else dropped
+    counted as missing       late: taken if it is an event, or its Timestamp is the latest (a keep-alive was faster)
     not newer, but a proof   taken as a restart; proofs are a later major version, a later Timestamp than all before,
     of a restart             or a silence longer than MessageReceiveTimeout
     not newer                dropped as a duplicate
@@ -25,7 +25,7 @@ from ua_fleet.pubsub.mapped import PublisherKey
 from ua_fleet.pubsub.sequence import MASK, NEWEST_STEP, MissingNumbers
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
-from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FrameKind
 
 __all__ = ["NO_COMMUNICATION", "UNBOUND", "RemoteWriter", "SequenceStep"]
 
@@ -60,6 +60,7 @@ class RemoteWriter:
         "duplicates",
         "entry",
         "expected",
+        "failed",
         "gaps",
         "handed_on",
         "has_said",
@@ -78,6 +79,7 @@ class RemoteWriter:
         "restarts",
         "said_at",
         "says_max_age",
+        "silences",
         "silent",
         "stale",
         "stated",
@@ -97,6 +99,10 @@ class RemoteWriter:
         """Those of them that came after it."""
         self.duplicates = 0
         self.restarts = 0
+        self.failed = 0
+        """DataSetMessages that could not be made use of: not valid, of an unknown version, or with other fields."""
+        self.silences = 0
+        """How often it fell silent."""
         self.last_heard = now
         """When a message came that fitted the sequence, whatever became of it."""
         self.silent = False
@@ -169,9 +175,9 @@ class RemoteWriter:
         is_latest = timestamp is not None and timestamp > self.heard_timestamp
         if not later_version and self._missing is not None and self._missing.arrived(number, expected):
             self.late += 1
-            if not is_latest:
+            if not is_latest and message.kind != FrameKind.EVENT:
                 return SequenceStep.LATE
-            self._hear(message)  # only a keep-alive was faster
+            self._hear(message)
             return SequenceStep.TAKEN
         if later_version or is_latest or now - self.last_heard > receive_timeout_s:
             self.restarts += 1
@@ -267,7 +273,8 @@ class RemoteWriter:
     def base_of(self, delta: DataSetMessage) -> DataSetMessage | None:
         """The frame that a delta frame changes; None if something is missing between."""
         number = delta.sequence_number
-        if number is not None and self.confirmed_number != (number - 1) & MASK:
+        is_missing = self.doubted if number is None else self.confirmed_number != (number - 1) & MASK
+        if is_missing:
             self.last_frame = None
         return self.last_frame
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
+from ua_fleet.pubsub.layout import PLAIN, FrameMaker, WriterSettings
 from ua_fleet.pubsub.metadata import max_age_s, type_codes, with_max_age
 from ua_fleet.pubsub.packing import KEEP_ALIVE_BYTES
 from ua_fleet.pubsub.sequence import MASK
@@ -31,27 +32,34 @@ class Writer:
         "answered_at",
         "encode",
         "entry",
+        "failed",
+        "is_off",
+        "maker",
         "max_age_s",
         "metadata",
         "next_number",
         "repeat_at",
         "sent_at",
         "sent_types",
+        "settings",
         "size",
         "status",
         "timestamp",
         "topic",
         "types",
         "values",
+        "was_alive",
     )
 
-    def __init__(self, topic: Topic) -> None:
-        self.topic = topic
+    def __init__(self, topic: Topic, settings: WriterSettings = PLAIN) -> None:
+        self.topic, self.settings = topic, settings
         self.metadata = DataSetMetaData("", (), ConfigurationVersion(0, 0))
         self.types: tuple[int, ...] = ()
         """The type codes that the metadata says."""
         self.encode: Encode | None = None
         """Encodes key frames of this version; None while retired."""
+        self.maker: FrameMaker | None = None
+        """Makes what is sent in place of `encode`, where something else than key frames of Variants is configured."""
         self.next_number = 0
         self.timestamp = -1
         """Timestamp of the last message; -1 before the first."""
@@ -62,6 +70,12 @@ class Writer:
         self.size = 0
         """Bytes of the last message without the NetworkMessage's header."""
         self.alive = False
+        self.is_off = False
+        """Whether it is disabled, or what it is part of: it sends nothing, and keeps what it would have said last."""
+        self.was_alive = False
+        """Whether its source is alive while it is off."""
+        self.failed = 0
+        """DataSetMessages that could not be made."""
         self.sent_at = 0.0
         self.repeat_at = 0.0
         self.announce_at = 0.0
@@ -79,6 +93,8 @@ class Writer:
         self.metadata = metadata
         self.types = type_codes(metadata.fields)
         self.encode = self.encoder(self.types, codec)
+        if self.settings != PLAIN:
+            self.maker = FrameMaker(self.topic, metadata, self.settings, codec)
 
     def encoder(self, types: tuple[int, ...], codec: Codec) -> Encode:
         """What encodes this version's key frames with these type codes."""
@@ -88,9 +104,28 @@ class Writer:
 
     def retire(self) -> None:
         """Forget the source, but for the numbers that must go on if it comes back."""
-        self.alive = False
+        self.alive = self.was_alive = False
         self.values = None
         self.encode = None
+
+    def keep(self, types: tuple[int, ...], values: tuple[Any, ...], status: int, timestamp: int, size: int) -> None:
+        """Take what is not sent while this is off: it is said when this is on again."""
+        self.was_alive, self.timestamp, self.status = True, timestamp, status
+        if not self.settings.are_events:
+            self.values, self.sent_types, self.size = values, types, size
+        if self.maker is not None:
+            self.maker.forget()
+
+    def turn_off(self) -> None:
+        """Send nothing any more."""
+        self.was_alive, self.alive, self.is_off = self.alive, False, True
+
+    def turn_on(self, now: float) -> bool:
+        """Send again what there is, soon; says whether there is a source to tell of."""
+        self.alive, self.is_off = self.was_alive, False
+        self.announce_at = self.repeat_at = now
+        self.sent_at = float("-inf")
+        return self.alive
 
     def keep_alive_period_s(self, keep_alive_s: float) -> float:
         """How often this writer has to say that it lives: twice within a maximum age, since that is what it attests."""
@@ -107,6 +142,9 @@ class Writer:
         number = self.next_number
         self.next_number = (number + 1) & MASK
         version = self.metadata.configuration_version
+        if self.maker is not None:
+            message = self.maker.repeat(number, self.timestamp, self.status, self.sent_types, self.values)
+            return message, self.size
         return DataSetMessage(
             self.topic.id,
             _KEY,

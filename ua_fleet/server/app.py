@@ -5,15 +5,19 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import AsyncGenerator, Callable, Sequence
 from pathlib import Path
 
 import structlog
 
+from ua_fleet.config.connections import needs_keys
+from ua_fleet.config.history import HistoryRules
 from ua_fleet.config.nodes import fleet_model
-from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import file_keys_of
+from ua_fleet.config.transports import open_transports
 from ua_fleet.endpoint.announced import announced_endpoints
 from ua_fleet.endpoint.hardened_server import HardenedServer, create_server
 from ua_fleet.endpoint.standard_nodes import forget_makers
@@ -28,13 +32,13 @@ from ua_fleet.operation.robots.roster import RobotRegistry
 from ua_fleet.pubsub.application import bridge_application_uri, server_application_uri
 from ua_fleet.pubsub.subscriber import LoopRule
 from ua_fleet.server.assembly import Assembly, Given
+from ua_fleet.server.history import HistoryService, open_history
 from ua_fleet.server.key_service.local import LocalKeySource
 from ua_fleet.server.key_service.nodes import KeyServiceNodes
 from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.storage.server_records import ServerRecords
 from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Transport
-from ua_fleet.transport.udp import UdpTransport
 
 __all__ = ["application_uri", "run_server"]
 
@@ -48,7 +52,7 @@ async def run_server(
     config: FleetConfig,
     config_dir: Path,
     *,
-    transport: Transport | None = None,
+    transport: Transport | Sequence[Transport] | None = None,
     ready: Callable[[str], None] | None = None,
     rule: LoopRule = loop_verdict,
     sent: Callable[[bytes, int], None] | None = None,
@@ -60,7 +64,7 @@ async def run_server(
     Args:
         config: the checked `fleet.yaml`.
         config_dir: its folder; `server.state_dir` is relative to it.
-        transport: in place of the UDP transport that the configuration describes.
+        transport: in place of those that the configuration describes, of several connections one for each.
         ready: called with the endpoint URL once clients can connect and data is received.
         rule: the loop rule.
         sent: told of each PubSub message that is sent, with its bytes on the wire.
@@ -82,9 +86,10 @@ async def run_server(
         state_dir,
         application_uri=application_uri(config),
         files_dir=config_dir,
-        bridges={bridge_application_uri(config.fleet.name, name): name for name in config.bridges}
-        if _has_key_service(config.pubsub)
+        bridges={bridge_application_uri(config.fleet.name, name): name for name in (*config.bridges, *config.relays)}
+        if _has_key_service(config)
         else None,
+        pushed_keys=_has_key_service(config) and config.pubsub.keys.pushed_by is not None,
     )
     if once:
         forget_makers()
@@ -93,13 +98,27 @@ async def run_server(
     loop.set_exception_handler(mistakes.in_loop)
     try:
         with ServerRecords(state_dir) as records:
-            given = await _given(config, configured, config_dir, server, monitor, records)
-            transport = transport or _udp(config.pubsub)
-            assembly = Assembly(given, transport, rule, sent)
-            await _serve(server, assembly, mistakes, ready)
+            async with _history(config, state_dir, mistakes) as history:
+                given = await _given(config, configured, config_dir, server, monitor, records, history)
+                transport = transport or open_transports(config, config_dir, space=SERVER_SPACE)
+                assembly = Assembly(given, transport, rule, sent)
+                await _serve(server, assembly, mistakes, ready)
     finally:
         await server.stop()
         loop.set_exception_handler(handler_before)
+
+
+@contextlib.asynccontextmanager
+async def _history(config: FleetConfig, state_dir: Path, mistakes: Mistakes) -> AsyncGenerator[HistoryService | None]:
+    """The history of the fleet's values, where one is kept; raises StorageUnavailable."""
+    if config.history is None:
+        yield None
+        return
+    history = await open_history(config.history, HistoryRules(config), state_dir, mistakes)
+    try:
+        yield history
+    finally:
+        await history.close()
 
 
 async def _given(
@@ -109,22 +128,24 @@ async def _given(
     server: HardenedServer,
     monitor: Monitor,
     records: ServerRecords,
+    history: HistoryService | None,
 ) -> Given:
     """Make the nodes of the fleet, with the robots that are recorded; raises as `run_server` does."""
     roster = RobotRegistry(config, configured, records.robots, time.time, structlog.get_logger("ua_fleet.server"))
     model = roster.restore()
     await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index, config.fleet.namespaces)
-    nodes = FleetNodes(server.iserver.aspace, model)
+    server.context.history = history
+    nodes = FleetNodes(server.iserver.aspace, model, None if history is None else history.rules)
     nodes.build()
     SessionKeyMethods(server, NodeFactory(server.iserver.aspace, nodes.ns)).build()
     keys: KeySource | None = None
-    if _has_key_service(config.pubsub):
+    if _has_key_service(config):
         service = KeyService(config, config_dir / config.server.state_dir)
         await KeyServiceNodes(server, service, model.ns).build()
         keys = LocalKeySource(service)
-    elif config.pubsub.security is not PubSubSecurity.NONE:
+    elif needs_keys(config, SERVER_SPACE):
         keys = file_keys_of(config, SERVER_SPACE, config_dir)
-    return Given(config, config_dir, model, server, nodes, roster, records, monitor, keys)
+    return Given(config, config_dir, model, server, nodes, roster, records, monitor, keys, history)
 
 
 async def _serve(
@@ -134,6 +155,8 @@ async def _serve(
     hub = assembly.hub
     try:
         await hub.start()
+        if assembly.namespace is not None:
+            await assembly.namespace.start()
         await server.start()
         hub.describe(await announced_endpoints(server))
         assembly.tell_monitor()
@@ -144,13 +167,12 @@ async def _serve(
         server.context.departed.clear()  # that clients are gone now says nothing of them
         with mistakes.guard("teleoperation"):
             assembly.teleoperation.close()
+        with mistakes.guard("Unified Namespace"):
+            if assembly.namespace is not None:
+                await assembly.namespace.close()
         await hub.close()
 
 
-def _has_key_service(config: PubSubConfig) -> bool:
+def _has_key_service(config: FleetConfig) -> bool:
     """Whether this server gives keys of message security to the bridges."""
-    return config.security is not PubSubSecurity.NONE and config.keys.source == "service"
-
-
-def _udp(config: PubSubConfig) -> Transport:
-    return UdpTransport(config.url, config.interface, ttl=config.ttl, receive_buffer_bytes=config.receive_buffer_bytes)
+    return config.is_secured and config.pubsub.keys.from_server

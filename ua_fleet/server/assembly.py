@@ -6,7 +6,7 @@ Parts are made before the hub, since it is given them; what they ask of it is lo
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -19,12 +19,14 @@ from ua_fleet.endpoint.expiry import CertificateWatch
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.fleet.commands import Publication
 from ua_fleet.fleet.model import FleetModel
+from ua_fleet.fleet.summaries import SummaryRecord
 from ua_fleet.keys.source import KeySource
 from ua_fleet.monitoring import Monitor
 from ua_fleet.nodes.address_space import FleetNodes
 from ua_fleet.nodes.change_events import tell_capacities
 from ua_fleet.nodes.client_writes import ClientWrites
 from ua_fleet.nodes.events import ServerEvents
+from ua_fleet.nodes.namespace_nodes import NamespaceNodes
 from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.projection import Projection
 from ua_fleet.nodes.recent_message_methods import RecentMessageMethods
@@ -40,10 +42,13 @@ from ua_fleet.operation.skills.router import SkillRouter
 from ua_fleet.operation.skills.tracker import SkillChange, SkillTransitioned
 from ua_fleet.pubsub.recent import RecentMessages
 from ua_fleet.pubsub.subscriber import LoopRule
-from ua_fleet.server.attached import Clocked, Ground, Parts, TimedPart
+from ua_fleet.server.attached import Clocked, Ground, HistoryPart, NoHistory, NoNamespace, Parts, TimedPart
 from ua_fleet.server.figures import ServerFigures
 from ua_fleet.server.ground import PubSubEnds, make_ground
+from ua_fleet.server.history import HistoryService
 from ua_fleet.server.hub import Hub, wall_ticks
+from ua_fleet.server.pubsub_model import PubSubModel
+from ua_fleet.server.pubsub_setup import make_pubsub_model
 from ua_fleet.server.robot_setup import connect_roster, make_offers
 from ua_fleet.server.run_log import RunLog
 from ua_fleet.server.scenario_setup import make_scenarios
@@ -51,11 +56,11 @@ from ua_fleet.server.skill_ends import SkillEnds
 from ua_fleet.server.teleoperation.service import TeleoperationService
 from ua_fleet.server.teleoperation.setup import make_teleoperation
 from ua_fleet.server.timer import Timer
+from ua_fleet.server.unified_namespace import NamespacePublisher, make_namespace
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.storage.server_records import ServerRecords
 from ua_fleet.transport.base import Transport
 from ua_fleet.transport.sealed import Sent
-from ua_fleet.wire.security import SecurityMode
 
 __all__ = ["Assembly", "Given"]
 
@@ -82,17 +87,21 @@ class Given:
     """Tells of the server."""
     keys: KeySource | None
     """Where the keys of message security come from."""
+    history: HistoryService | None = None
+    """What is kept of values."""
 
 
 class Assembly:
     """The parts of one server. It is not started yet."""
 
-    def __init__(self, given: Given, transport: Transport, rule: LoopRule, sent: Sent | None) -> None:
+    def __init__(
+        self, given: Given, transports: Transport | Sequence[Transport], rule: LoopRule, sent: Sent | None
+    ) -> None:
         """Put a server together.
 
         Args:
             given: what is there.
-            transport: not started yet.
+            transports: one for each of the server's connections, not started yet.
             rule: the loop rule.
             sent: told of each message that is sent.
 
@@ -106,13 +115,17 @@ class Assembly:
         self._given, self._config, self._server, self._nodes = given, config, server, given.nodes
         self._mistakes, self._timer = given.monitor.mistakes, Timer()
         self._clock = asyncio.get_running_loop().time
+        self._history: HistoryPart = given.history or NoHistory()
+        if given.history is not None:
+            given.history.sooner = self._timer.sooner
         self._state_dir = given.config_dir / config.server.state_dir
         self._ends, self._run_log, self._activities = SkillEnds(given.monitor), RunLog(), RobotActivities()
-        self._pubsub = PubSubEnds(config, self._state_dir, transport, self._clock, sent)
+        self._pubsub = PubSubEnds(config, self._state_dir, transports, self._clock, sent)
         self.ground = self._make_ground(rule)
         self._events = ServerEvents(server.iserver)
         self._projection = self._make_projection()
         self.teleoperation = self._make_teleoperation()
+        self.namespace = self._make_namespace()
         offers = make_offers(self._hub, given.records.executions)
         requests = SkillRouter(self.ground.skills, offers)
         methods = self._make_methods(requests)
@@ -128,17 +141,32 @@ class Assembly:
             methods,
             self._scenarios,
         )
-        self.hub = self._make_hub(offers, transport)
+        self.hub = self._make_hub(offers)
         for robot in given.roster:
             offers.follow(robot)
         server.context.mistakes = self._mistakes
-        server.gate = ClientWrites(self.ground.commands, given.nodes, self.hub.publish, self.hub.flush_soon, wall_ticks)
+        server.gate = ClientWrites(
+            self.ground.commands,
+            given.nodes,
+            self.hub.publish,
+            self.hub.flush_soon,
+            wall_ticks,
+            self._history.record,
+        )
 
     def tell_monitor(self) -> None:
         """Have the monitor tell of the server: it serves."""
-        ServerFigures(self.hub, self.ground, self._server, self._scenarios, self._run_log, self._ends).tell(
-            self._given.monitor
+        figures = ServerFigures(
+            self.hub,
+            self.ground,
+            self._server,
+            self._scenarios,
+            self._run_log,
+            self._ends,
+            self.namespace,
+            self._given.history,
         )
+        figures.tell(self._given.monitor)
 
     # What parts ask of the hub.
 
@@ -197,7 +225,19 @@ class Assembly:
             self._timer,
             self._projection,
             driven,
-            must_be_verified=self._pubsub.envelope.mode is not SecurityMode.NONE,
+            must_be_verified=self._pubsub.connections.must_be_verified,
+        )
+
+    def _make_namespace(self) -> NamespacePublisher | None:
+        factory = NodeFactory(self._server.iserver.aspace, self._nodes.ns)
+        factory.values = self._nodes.values
+        return make_namespace(
+            self._config,
+            self._given.config_dir,
+            self._given.model.robots,
+            lambda: NamespaceNodes(factory, self._projection.write, wall_ticks),
+            self._mistakes,
+            wall_ticks,
         )
 
     def _make_methods(self, requests: SkillRouter) -> SkillMethods:
@@ -231,13 +271,13 @@ class Assembly:
             self._activities,
         )
 
-    def _make_hub(self, offers: ClientOffers, transport: Transport) -> Hub:
+    def _make_hub(self, offers: ClientOffers) -> Hub:
         recent = RecentMessages()
         RecentMessageMethods(
             self._server,
             NodeFactory(self._server.iserver.aspace, self._nodes.ns),
             recent,
-            is_encrypted=self._pubsub.envelope.mode is SecurityMode.SIGN_AND_ENCRYPT,
+            is_encrypted=self._pubsub.envelopes.are_encrypted,
         ).build()
         parts = Parts(
             nodes=self._projection,
@@ -245,11 +285,13 @@ class Assembly:
             teleoperation=self.teleoperation,
             registry=self._given.roster,
             wanted=self._make_wanted(),
+            model=self._make_model(),
+            namespace=self.namespace or NoNamespace(),
+            history=self._history,
             timed=self._make_timed(offers),
         )
         return Hub(
             self._config,
-            transport,
             self._pubsub,
             self.ground,
             parts,
@@ -257,6 +299,17 @@ class Assembly:
             recent=recent,
             mistakes=self._mistakes,
             keys=self._given.keys,
+        )
+
+    def _make_model(self) -> PubSubModel:
+        return make_pubsub_model(
+            self._config,
+            self._server,
+            self._nodes.ns,
+            self.ground,
+            self._pubsub,
+            self._timer,
+            self._hub,
         )
 
     def _make_wanted(self) -> WantedData:
@@ -274,10 +327,15 @@ class Assembly:
         factory = NodeFactory(self._server.iserver.aspace, self._nodes.ns)
         factory.values = self._nodes.values
         put = self._projection.write
-        summaries = SummaryNodes(factory, self.ground.state, self._activities, put, wall_ticks, self._mistakes)
+        timed: dict[str, TimedPart] = {}
+        told: Callable[[SummaryRecord], None] | None = None
+        if self.namespace is not None:
+            timed["Unified Namespace"], told = self.namespace, self.namespace.told
+        state, activities = self.ground.state, self._activities
+        summaries = SummaryNodes(factory, state, activities, put, wall_ticks, self._mistakes, told)
         summaries.build()
         mistakes = self._nodes.show_mistakes(self._mistakes, put, self._clock, wall_ticks)
-        return {
+        return timed | {
             "ClientOffers": Clocked(offers),
             "summaries": summaries,
             "CertificateWatch": Clocked(CertificateWatch(self._state_dir, self._clock)),

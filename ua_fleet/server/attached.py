@@ -11,7 +11,7 @@ from typing import Protocol
 
 from ua_fleet.counters import Counters
 from ua_fleet.fleet.changes import Change, ValueChanged
-from ua_fleet.fleet.commands import Commands
+from ua_fleet.fleet.commands import Commands, Publication
 from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.state import FleetState
 from ua_fleet.operation.log import Log, MistakeLog
@@ -22,6 +22,7 @@ from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.topics import Topic
+from ua_fleet.values import NodeId
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 from ua_fleet.wire.messages import FieldMetaData
 
@@ -29,6 +30,12 @@ __all__ = [
     "Clock",
     "Clocked",
     "Ground",
+    "HistoryPart",
+    "ModelPart",
+    "NamespacePart",
+    "NoHistory",
+    "NoModel",
+    "NoNamespace",
     "NoNodes",
     "NoRegistry",
     "NoRuns",
@@ -213,6 +220,58 @@ class WantedPart(Clock, Protocol):
         return
 
 
+class ModelPart(TimedPart, Protocol):
+    """The information model of PubSub: see `server.pubsub_model`."""
+
+    def follow(self, event: SubscriberEvent) -> None:
+        """Take what bridges announce."""
+        return
+
+    def receive(self, event: ActionReceived, now: float) -> None:
+        """Take responses."""
+        return
+
+
+class NamespacePart(Protocol):
+    """The Unified Namespace: see `server.unified_namespace`. A mistake in it costs it alone."""
+
+    def value_changed(self, change: ValueChanged) -> None:
+        """A node of the fleet has another value or status."""
+        return
+
+    def changed(self, change: Change) -> None:
+        """A robot, or something else, has come or gone."""
+        return
+
+    def written(self, publication: Publication) -> None:
+        """Data that clients write has been sent to robots."""
+        return
+
+
+class HistoryPart(TimedPart, Protocol):
+    """What is kept of values: see `server.history`."""
+
+    def record(self, change: ValueChanged) -> None:
+        """A node of the fleet has another value or status."""
+        return
+
+    def forget(self, keys: Iterable[NodeId]) -> None:
+        """These nodes are gone."""
+        return
+
+
+class NoHistory(HistoryPart):
+    """Nothing is kept."""
+
+
+class NoModel(ModelPart):
+    """Nobody looks at PubSub itself."""
+
+
+class NoNamespace(NamespacePart):
+    """Nobody is told over MQTT."""
+
+
 class NoNodes(ShownNodes):
     """Nobody looks."""
 
@@ -262,5 +321,8 @@ class Parts:
     teleoperation: TeleoperationPart = field(default_factory=NoTeleoperation)
     registry: RegistryPart = field(default_factory=NoRegistry)
     wanted: WantedPart = field(default_factory=NoWantedData)
+    model: ModelPart = field(default_factory=NoModel)
+    namespace: NamespacePart = field(default_factory=NoNamespace)
+    history: HistoryPart = field(default_factory=NoHistory)
     timed: Mapping[str, TimedPart] = field(default_factory=dict[str, TimedPart])
     """Others, by the names under which their mistakes are counted."""

@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
+from ua_fleet.counters import Drop
 from ua_fleet.errors import LocalWireError
 from ua_fleet.fleet.changes import CapacitiesChanged, Change, Noticed, RobotRemoved, SourceRemoved, ValueChanged
 from ua_fleet.fleet.coalesce import Coalescer
@@ -27,6 +28,7 @@ from ua_fleet.pubsub.events import (
     ActionReceived,
     AnnouncementReceived,
     DataReceived,
+    EventReceived,
     MetaDataReceived,
     ProbeDue,
     ProbeReceived,
@@ -52,11 +54,14 @@ __all__ = ["ServerCore"]
 
 TICK_S: Final = 1.0
 """Period of what the server says of robots, bridges and its own traffic."""
+MOST_VALUES: Final = 100
+"""Values of nodes that are shown before others have their turn: each may be watched by as many items as a user may
+have on a node, and is queued for all of them."""
 BURST: Final = 20
 """DataSets that are announced at once at the start, so that receivers' buffers hold them."""
 BURST_PAUSE_S: Final = 0.005
 
-_EXCHANGED: Final = (SourceUnknown, ProbeDue, ProbeReceived, ActionReceived, AnnouncementReceived)
+_EXCHANGED: Final = (SourceUnknown, ProbeDue, ProbeReceived, ActionReceived, AnnouncementReceived, EventReceived)
 """Events that are no news of a source's data."""
 _LIVES: Final = (DataReceived, SourceSilent, SourceStale, SourceReturned, SourceRefused)
 """Events that say how a source is."""
@@ -73,6 +78,7 @@ class ServerCore:
         analog_rate_hz: float,
         tick_s: float = TICK_S,
         each_second: Callable[[float], None] = lambda _now: None,
+        events: tuple[str, Topic, tuple[FieldMetaData, ...]] | None = None,
     ) -> None:
         """Connect the parts; it begins with `begin`.
 
@@ -82,19 +88,24 @@ class ServerCore:
             analog_rate_hz: how often each node's analog value is shown at most.
             tick_s: period in which robots, bridges and the server are looked at; infinite where nobody looks.
             each_second: does before that what the shell has to do in that period.
+            events: name, topic and fields of the events that are published; None where none are.
         """
         self._publisher, self._subscriber = ground.publisher, ground.subscriber
         self._commands, self._state, self._skills = ground.commands, ground.state, ground.skills
         self._tracker, self._mistakes, self._log, self._send = ground.tracker, ground.mistakes, ground.log, ground.send
         self._nodes, self._runs, self._teleoperation = parts.nodes, parts.runs, parts.teleoperation
-        self._registry, self._wanted = parts.registry, parts.wanted
+        self._registry, self._wanted, self._model = parts.registry, parts.wanted, parts.model
+        self._namespace = parts.namespace
+        self._history = parts.history
         self._coalescer = Coalescer(analog_rate_hz)
-        self._tick_s, self._each_second = tick_s, each_second
+        self._tick_s, self._each_second, self._events = tick_s, each_second, events
+        self._counters = ground.counters
         self._next_tick = 0.0
         self.refused = 0
         """Publications that could not be encoded."""
         self._now, self._wall = 0.0, 0
         """The clocks of this `poll`."""
+        self._has_more = False
         self._bursts: Iterator[None] = iter(())
         """What is yet to be announced at the start."""
         self._burst_at: float | None = None
@@ -112,6 +123,8 @@ class ServerCore:
                 ("scenarios", lambda _: self._runs.poll(), lambda _: self._runs.next_deadline()),
                 ("teleoperation", self._teleoperation.poll, lambda _: self._teleoperation.next_deadline()),
                 ("WantedData", wanted.poll, wanted.next_deadline),
+                ("PubSub model", self._model.poll, self._model.next_deadline),
+                ("history", self._history.poll, self._history.next_deadline),
                 *[(name, part.poll, part.next_deadline) for name, part in parts.timed.items()],
             ],
         )
@@ -147,7 +160,8 @@ class ServerCore:
                 self._announce(data_set.topic, data_set.name, fields, self._now, self._wall)
             if number % BURST == 0:
                 yield
-        for name, topic, fields in self._wanted.sources():
+        events = () if self._events is None else (self._events,)
+        for name, topic, fields in (*events, *self._wanted.sources()):
             self._announce(topic, name, fields, self._now, self._wall)
         self._wanted.begin()
         for number, publication in enumerate(self._commands.initial(self._wall), start=1):
@@ -165,11 +179,12 @@ class ServerCore:
 
     # Time.
 
-    def poll(self, *, now: float, wall: int) -> None:
-        """Do what is due."""
-        self._now, self._wall = now, wall
+    def poll(self, *, now: float, wall: int) -> bool:
+        """Do what is due; whether there are more values to show, which is to be done once others had their turn."""
+        self._now, self._wall, self._has_more = now, wall, False
         self._nodes.begin_turn()
         self._timetable.poll(now)
+        return self._has_more
 
     def next_deadline(self, now: float) -> float:
         """When `poll` is to be called next; infinity where nothing is due."""
@@ -183,8 +198,10 @@ class ServerCore:
         self._send_all(self._publisher.poll(now, self._wall))
 
     def _poll_values(self, now: float) -> None:
-        for change in self._coalescer.poll(now):
+        for change in self._coalescer.poll(now, MOST_VALUES):
             self._nodes.write(change)
+        due = self._coalescer.next_deadline()
+        self._has_more = due is not None and due <= now
 
     def _poll_bursts(self, now: float) -> None:
         if self._burst_at is None or now < self._burst_at:
@@ -210,11 +227,20 @@ class ServerCore:
 
     # What comes by PubSub.
 
-    def receive(self, datagram: bytes, sender: Address, *, now: float, wall: int) -> None:
-        """Take a datagram, and where it came from."""
+    def receive(
+        self,
+        datagram: bytes,
+        sender: Address,
+        *,
+        now: float,
+        wall: int,
+        is_fresh: bool = True,
+        connection: int = 0,
+    ) -> None:
+        """Take a datagram, and where it came from; `is_fresh` as in `Subscriber.receive`."""
         self._nodes.begin_turn()
         try:
-            events = self._subscriber.receive(datagram, now, sender)
+            events = self._subscriber.receive(datagram, now, sender, is_fresh=is_fresh, connection=connection)
         except Exception as error:  # noqa: BLE001 - what a peer sends is refused without one: this is ours
             self._mistakes.caught("datagrams", error, client=f"{sender[0]}:{sender[1]}")
             return
@@ -246,12 +272,17 @@ class ServerCore:
                 self._send(event.datagram)
         elif isinstance(event, ProbeReceived):
             self._send_all(self._publisher.answer(event.probe, now))
+        elif isinstance(event, EventReceived):
+            self._counters.drop(Drop.UNSUPPORTED)  # a node shows what is, and an event is over
         elif isinstance(event, ActionReceived):
             self._skills.receive(event, now)
             self._teleoperation.receive(event, now)
-        elif isinstance(event, AnnouncementReceived) and isinstance(event.announcement, ActionMetaDataAnnouncement):
-            self._skills.announced(event.announcement)
-            self._teleoperation.announced(event.announcement)
+            self._model.receive(event, now)
+        elif isinstance(event, AnnouncementReceived):
+            if isinstance(event.announcement, ActionMetaDataAnnouncement):
+                self._skills.announced(event.announcement)
+                self._teleoperation.announced(event.announcement)
+            self._model.follow(event)
 
     def _look_for_robot(self, event: MetaDataReceived) -> None:
         """A robot's SkillStatus may say what the robot is."""
@@ -287,6 +318,8 @@ class ServerCore:
                 if type(change) is ValueChanged:
                     if (ready := self._coalescer.offer(change, now)) is not None:
                         yield ready
+                    self._namespace.value_changed(change)
+                    self._history.record(change)
                     self._runs.value_changed(change)  # last: who does not understand a value keeps it from no node
                 elif isinstance(change, Noticed):
                     (self._log.warning if change.is_problem else self._log.info)(change.text, **change.ids)
@@ -300,8 +333,11 @@ class ServerCore:
         if isinstance(change, RobotRemoved):
             gone += change.robot.all_data_sets()
         for data_set in gone:
-            self._coalescer.forget(field.key for field in data_set.fields)
+            keys = [field.key for field in data_set.fields]
+            self._coalescer.forget(keys)
+            self._history.forget(keys)
         self._nodes.put(change)
+        self._namespace.changed(change)
         if isinstance(change, CapacitiesChanged):
             self._runs.fleet_changed()
 
@@ -336,11 +372,26 @@ class ServerCore:
             datagrams = self._publisher.publish(topic, values, timestamp=timestamp, now=now, types=types)
         except LocalWireError as error:
             self.refused += 1
+            self._publisher.count_failed(topic)
             self._log.error("not published", topic=topic.name, reason=str(error))
             return
         self._state.delivered(topic, timestamp)
         self._runs.published(topic, types, values)
+        self._namespace.written(publication)
         self._send_all(datagrams)
+
+    def publish_event(self, publication: Publication, *, now: float) -> None:
+        """Send an event. Before all is announced nobody could read it; then only clients are told."""
+        topic, types, values, timestamp = publication
+        if self._publisher.metadata(topic) is None:
+            return
+        try:
+            told = self._publisher.publish(topic, values, timestamp=timestamp, now=now, types=types)
+        except LocalWireError as error:
+            self.refused += 1
+            self._log.error("not published", topic=topic.name, reason=str(error))
+            return
+        self._send_all(told)
 
     def flush(self, *, now: float) -> None:
         """Publish what clients have written."""

@@ -17,14 +17,16 @@ from ua_fleet.fleet.source import Source
 from ua_fleet.monitoring import Monitor, metrics
 from ua_fleet.monitoring.counted import counted, keys_left, transported
 from ua_fleet.monitoring.metrics import MOST_ROBOTS, Family
+from ua_fleet.nodes.namespace_nodes import NAMESPACE_DROPS
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.scenario.facts import RunOutcome
 from ua_fleet.server.attached import Ground
+from ua_fleet.server.history import HistoryService
 from ua_fleet.server.hub import Hub
 from ua_fleet.server.run_log import RunLog
 from ua_fleet.server.skill_ends import SkillEnds
+from ua_fleet.server.unified_namespace import NamespacePublisher
 from ua_fleet.values import Quality, quality_of
-from ua_fleet.wire.security import SecurityMode
 
 __all__ = ["ServerFigures", "source_state"]
 
@@ -51,9 +53,12 @@ class ServerFigures:
         scenarios: ScenarioService,
         runs: RunLog,
         ends: SkillEnds,
+        namespace: NamespacePublisher | None = None,
+        history: HistoryService | None = None,
     ) -> None:
         self._hub, self._state, self._tracker, self._server = hub, ground.state, ground.tracker, server
         self._scenarios, self._runs, self._ends = scenarios, runs, ends
+        self._namespace, self._history = namespace, history
 
     def tell(self, monitor: Monitor) -> None:
         """Tell of the server from now on: it serves."""
@@ -62,26 +67,35 @@ class ServerFigures:
 
     def problem(self) -> str:
         """Why the server cannot do its work; empty while it can. That a bridge is away is said in `text`."""
-        return self._hub.transport.stats.problem or self._hub.envelope.problem or self._scenarios.problem
+        return self._hub.connections.stats.problem or self._hub.envelopes.problem or self._scenarios.problem
 
     def text(self) -> str:
         """Where it serves, and which bridges are not heard."""
         heard = self._state.bridges_heard
         away = [name for name, is_heard in heard.items() if not is_heard]
         text = f"{self._server.endpoint.geturl()}, {len(heard) - len(away)} of {len(heard)} bridges heard"
-        return f"{text}; not heard: {', '.join(away)}" if away else text
+        text = f"{text}; not heard: {', '.join(away)}" if away else text
+        namespace = self._namespace
+        lost = f"Unified Namespace: {namespace.problem}" if namespace is not None and namespace.problem else ""
+        history = "" if self._history is None else self._history.problem
+        return "; ".join(filter(None, (text, self._hub.connections.problem, lost, history)))
 
     def collect(self) -> Iterator[Family]:
         """All figures now."""
         hub = self._hub
         yield from counted(hub.counters, has_space=False)
-        yield from transported(hub.transport.stats)
-        if hub.envelope.mode is not SecurityMode.NONE:
+        yield from transported(hub.connections.stats)
+        if hub.envelopes.is_secured:
             now = asyncio.get_running_loop().time()
-            yield from keys_left(hub.envelope.keys_last_s(now), hub.keys_kept.source_problem)
+            yield from keys_left(hub.envelopes.keys_last_s(now), hub.keys_kept.source_problem)
+        yield from _namespace(self._namespace)
         yield from self._fleet()
         yield from self._work()
         yield from self._clients()
+        if (history := self._history) is not None:
+            yield metrics.HISTORY_ROWS.many([(("stored",), history.stored), (("lost",), history.lost)])
+            yield metrics.HISTORY_WAITING.one(history.waiting)
+            yield metrics.HISTORY_UP.one(not history.problem)
 
     def _fleet(self) -> Iterator[Family]:
         state = self._state
@@ -154,3 +168,13 @@ class ServerFigures:
                 (("undelivered",), audit.undelivered),
             ]
         )
+
+
+def _namespace(namespace: NamespacePublisher | None) -> Iterator[Family]:
+    """The figures of the Unified Namespace; without values where there is none."""
+    told = [] if namespace is None else [(namespace.figures, namespace.counters.drops)]
+    yield metrics.NAMESPACE_UP.many(((), figures.connected) for figures, _ in told)
+    yield metrics.NAMESPACE_TOPICS.many(((), figures.topics) for figures, _ in told)
+    yield metrics.NAMESPACE_WAITING.many(((), figures.waiting) for figures, _ in told)
+    yield metrics.NAMESPACE_PUBLISHED.many(((), figures.published) for figures, _ in told)
+    yield metrics.NAMESPACE_DROPS.many(((cause.value,), drops[cause]) for _, drops in told for cause in NAMESPACE_DROPS)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import structlog
 
 from ua_fleet.config.applications import server_application
-from ua_fleet.config.nodes import mapped_sources, max_ages_of
+from ua_fleet.config.nodes import mapped_sources, max_ages_of, writer_settings
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.config.security import envelope_of
+from ua_fleet.config.security import publisher_ids
+from ua_fleet.config.transports import connections_of
 from ua_fleet.counters import Counters
 from ua_fleet.fleet.commands import Commands
 from ua_fleet.fleet.model import FleetModel
@@ -20,15 +21,14 @@ from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.operation.skills.commands import SkillCommands, Told
 from ua_fleet.operation.skills.tracker import SkillTracker
 from ua_fleet.pubsub.publisher import Publisher
-from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
 from ua_fleet.server.attached import Ground
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.topics import SERVER_SPACE
-from ua_fleet.transport.base import Sends
+from ua_fleet.transport.base import Transport
+from ua_fleet.transport.connections import Sender
 from ua_fleet.transport.sealed import SealedSender, Sent
 from ua_fleet.wire import Codec
-from ua_fleet.wire.security import SecurityMode
 
 __all__ = ["PubSubEnds", "make_ground"]
 
@@ -45,7 +45,7 @@ class PubSubEnds:
         self,
         config: FleetConfig,
         state_dir: Path,
-        transport: Sends,
+        transports: Transport | Sequence[Transport],
         clock: Callable[[], float],
         sent: Sent | None = None,
     ) -> None:
@@ -54,7 +54,7 @@ class PubSubEnds:
         Args:
             config: how messages are secured.
             state_dir: where the server remembers which nonces it has used; touched only with message security.
-            transport: sends.
+            transports: one for each connection of the server, in their order; a single one may stand alone.
             clock: monotonic seconds.
             sent: told of each message that is sent.
 
@@ -62,8 +62,10 @@ class PubSubEnds:
             ConfigError: what stands in `state_dir` cannot be used.
         """
         self.counters = Counters()
-        self.envelope: Envelope = envelope_of(config, SERVER_SPACE, self.counters, state_dir)
-        self.sender = SealedSender(self.envelope, transport, clock, sent)
+        self.connections = connections_of(config, SERVER_SPACE, self.counters, state_dir, transports)
+        self.envelopes = self.connections.envelopes
+        sealed = [SealedSender(each.envelope, each.transport, clock, sent) for each in self.connections.all]
+        self.sender = Sender(self.connections, sealed, self.counters)
 
 
 def make_ground(
@@ -93,7 +95,8 @@ def make_ground(
         clock: monotonic seconds.
         wall_ticks: the wall clock.
     """
-    timing, codec, counters, envelope = config.pubsub.timing(), Codec(), ends.counters, ends.envelope
+    timing, codec, counters = config.pubsub.timing(), Codec(), ends.counters
+    first, *further = ends.connections.all
     most_sources = config.server.max_discovered_sources
     subscriber = Subscriber(
         SERVER_SPACE,
@@ -101,18 +104,34 @@ def make_ground(
         counters,
         codec,
         rule,
-        envelope=envelope,
+        envelope=first.envelope,
+        barred=first.barred,
+        relayed=first.relayed,
+        takes_actions=first.takes_actions,
         max_writers=max(LEAST_WRITERS, 2 * (_sources(model) + most_sources)),
         max_ages=max_ages_of(config),
         mapped=mapped_sources(config),
+        publisher_ids=publisher_ids(config),
     )
+    for each in further:
+        subscriber.add_connection(
+            each.envelope, barred=each.barred, relayed=each.relayed, takes_actions=each.takes_actions
+        )
     state = FleetState(
         model, counters, unknown_sources=config.server.unknown_sources, max_discovered_sources=most_sources
     )
     subscriber.caught = state.caught = mistakes.caught
-    application, most_bytes = server_application(config), envelope.max_plain_bytes
+    application, most_bytes = server_application(config), ends.envelopes.max_plain_bytes
     return Ground(
-        publisher=Publisher(SERVER_SPACE, timing, counters, codec, application, max_packed_bytes=most_bytes),
+        publisher=Publisher(
+            SERVER_SPACE,
+            timing,
+            counters,
+            codec,
+            application,
+            max_packed_bytes=most_bytes,
+            settings=writer_settings(config),
+        ),
         subscriber=subscriber,
         counters=counters,
         commands=Commands(model),
@@ -123,7 +142,7 @@ def make_ground(
             want=subscriber.want_action,
             sooner=sooner,
             wall_ticks=wall_ticks,
-            must_be_verified=envelope.mode is not SecurityMode.NONE,
+            must_be_verified=ends.connections.must_be_verified,
             told=told,
             clock=clock,
             log=_log,

@@ -1,4 +1,4 @@
-"""The shell of the server's core: the transport, the clocks, and the only tasks of the server beside its endpoint.
+"""The shell of the server's core: the connections, the clocks, and the only tasks of the server beside its endpoint.
 
 A datagram goes from the socket to the monitored items that watch its nodes within one callback. One task keeps the
 time; with message security another one keeps the keys.
@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from functools import partial
 
 from ua_fleet.config.applications import server_application
+from ua_fleet.config.nodes import events_topic
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import keys_needed
 from ua_fleet.counters import Drop
@@ -20,6 +21,7 @@ from ua_fleet.fleet.model import RobotModel
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
 from ua_fleet.monitoring.mistakes import Mistakes
+from ua_fleet.nodes.published_events import EVENT_FIELDS, EVENTS_NAME
 from ua_fleet.operation.skills.tracker import SkillChange
 from ua_fleet.pubsub.events import SubscriberEvent
 from ua_fleet.pubsub.recent import RecentMessages
@@ -31,7 +33,7 @@ from ua_fleet.server.message_tap import MessageTap
 from ua_fleet.server.timer import Timer
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.topics import SERVER_SPACE
-from ua_fleet.transport.base import Address, Transport
+from ua_fleet.transport.base import Address
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire.discovered import EndpointDescription
 
@@ -44,12 +46,11 @@ def wall_ticks() -> int:
 
 
 class Hub:
-    """Carries data between a transport and the core until it is cancelled; and gives the core the time of each call."""
+    """Carries data between connections and core until it is cancelled; and gives the core the time of each call."""
 
     def __init__(
         self,
         config: FleetConfig,
-        transport: Transport,
         ends: PubSubEnds,
         ground: Ground,
         parts: Parts,
@@ -63,8 +64,7 @@ class Hub:
 
         Args:
             config: rates, and where keys come from.
-            transport: not started yet; `start` does.
-            ends: how messages are secured and sent.
+            ends: the connections, not started yet, which `start` does; how messages are secured and sent.
             ground: of the core.
             parts: of the server.
             timer: polls the core.
@@ -75,24 +75,30 @@ class Hub:
         Raises:
             ConfigError: no key source is configured.
         """
-        self.transport, self.counters, self.envelope = transport, ends.counters, ends.envelope
+        self.connections, self.counters, self.envelopes = ends.connections, ends.counters, ends.envelopes
         self._config, self._ground, self._timer, self._mistakes = config, ground, timer, mistakes
         self._loop = asyncio.get_running_loop()
-        self._keys, self.keys_kept = keys_needed(config, keys), KeysKept()
+        self._keys, self.keys_kept = keys_needed(config, SERVER_SPACE, keys), KeysKept()
         self._recent = recent
         self._tap = MessageTap(recent, ground.subscriber, ends.sender, ends.counters, wall_ticks)
+        events = events_topic(config)
         self._core = ServerCore(
-            ground, parts, analog_rate_hz=config.server.analog_rate_hz, each_second=self._each_second
+            ground,
+            parts,
+            analog_rate_hz=config.server.analog_rate_hz,
+            each_second=self._each_second,
+            events=None if events is None else (EVENTS_NAME, events, EVENT_FIELDS),
         )
+        self.connections.speak_for(SERVER_SPACE, self._receive, ground.publisher.names_of)
         self._flush_is_due = False
 
     async def start(self) -> None:
-        """Open the transport; data reaches the nodes from now on.
+        """Open the connections; data reaches the nodes from now on.
 
         Raises:
             TransportError: it cannot be opened.
         """
-        await self.transport.start(self._receive)
+        await self.connections.start(self._receive)
 
     async def run(self) -> None:
         """Announce what originates here, then keep the time until cancelled. Nothing but that ends it."""
@@ -106,30 +112,33 @@ class Hub:
             self._timer.sooner()
 
     async def close(self) -> None:
-        """Say that this ends, and release the transport."""
+        """Say that this ends, and release the connections."""
         self._core.end()
-        await self.transport.close()
+        await self.connections.close()
 
     async def _keep_keys(self, keys: KeySource) -> None:
         count = self._config.pubsub.keys.future_keys + 1
-        await keep_keys(self.envelope, keys, self.keys_kept, count=count, mistakes=self._mistakes)
+        await keep_keys(self.envelopes, keys, self.keys_kept, count=count, mistakes=self._mistakes)
 
-    def _receive(self, datagram: bytes, sender: Address) -> None:
+    def _receive(self, datagram: bytes, sender: Address, *, is_fresh: bool = True, connection: int = 0) -> None:
         if self._recent.is_wanted:
             with self._mistakes.guard("recent messages"):
-                self._tap.received(datagram, sender, self._hand_on)
+                hand_on = partial(self._hand_on, is_fresh=is_fresh, connection=connection)
+                self._tap.received(datagram, sender, hand_on)
         else:
-            self._core.receive(datagram, sender, now=self._loop.time(), wall=wall_ticks())
+            now, wall = self._loop.time(), wall_ticks()
+            self._core.receive(datagram, sender, now=now, wall=wall, is_fresh=is_fresh, connection=connection)
         self._timer.sooner()
 
-    def _hand_on(self, datagram: bytes, sender: Address) -> None:
-        self._core.receive(datagram, sender, now=self._loop.time(), wall=wall_ticks())
+    def _hand_on(self, datagram: bytes, sender: Address, *, is_fresh: bool = True, connection: int = 0) -> None:
+        now, wall = self._loop.time(), wall_ticks()
+        self._core.receive(datagram, sender, now=now, wall=wall, is_fresh=is_fresh, connection=connection)
 
-    def _poll(self, now: float) -> None:
-        self._core.poll(now=now, wall=wall_ticks())
+    def _poll(self, now: float) -> bool:
+        return self._core.poll(now=now, wall=wall_ticks())
 
     def _each_second(self, now: float) -> None:
-        self.transport.stats.count_drops(self.counters)
+        self.connections.count_drops(self.counters)
         self.counters.drops[Drop.SEND_FAILED] += self._core.refused
         self._recent.poll(now)
 
@@ -142,6 +151,11 @@ class Hub:
     def hear(self, event: SubscriberEvent) -> None:
         """Take what would have come by PubSub from a robot whose skills clients do."""
         self._core.hear([event], now=self._loop.time(), wall=wall_ticks())
+        self._timer.sooner()
+
+    def hear_all(self, events: Iterable[SubscriberEvent]) -> None:
+        """Take what comes of DataSetReaders that somebody has disabled or enabled."""
+        self._core.hear(events, now=self._loop.time(), wall=wall_ticks())
         self._timer.sooner()
 
     def concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
@@ -174,8 +188,12 @@ class Hub:
         self._core.publish(publication, now=self._loop.time())
         self._timer.sooner()
 
+    def publish_event(self, publication: Publication) -> None:
+        """Send an event of the server's own."""
+        self._core.publish_event(publication, now=self._loop.time())
+
     def flush_soon(self) -> None:
-        """Publish what clients have written, when the request that is being served is done."""
+        """Publish what clients have written, in the next turn of the event loop."""
         if not self._flush_is_due:
             self._flush_is_due = True
             self._loop.call_soon(self._flush)

@@ -8,7 +8,7 @@ from ua_fleet.counters import Counters
 from ua_fleet.pubsub.recent import RecentMessages
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.transport.base import Address
-from ua_fleet.transport.sealed import SealedSender
+from ua_fleet.transport.connections import Sender
 
 __all__ = ["MessageTap"]
 
@@ -20,14 +20,14 @@ class MessageTap:
         self,
         recent: RecentMessages,
         subscriber: Subscriber,
-        sender: SealedSender,
+        sender: Sender,
         counters: Counters,
         wall_ticks: Callable[[], int],
     ) -> None:
         """Hear of what is sent from now on; what is received comes by `received`."""
         self._recent, self._subscriber, self._counters, self._wall_ticks = recent, subscriber, counters, wall_ticks
         self._plain: bytes | None = None
-        sender.watched = self._sent
+        sender.watch(self._sent)
 
     def received(self, datagram: bytes, sender: Address, take: Callable[[bytes, Address], None]) -> None:
         """Have a datagram taken, and keep it with what became of it."""

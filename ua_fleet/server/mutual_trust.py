@@ -48,7 +48,7 @@ def renew_server(config: FleetConfig, config_dir: Path) -> tuple[CertificateFile
     before = old.read_bytes() if old.exists() else b""
     files = ensure_application_certificate(folder, application_uri(config), [config.server.host], renew=True)
     pinned: list[str] = []
-    for name in config.bridges:
+    for name in (*config.bridges, *config.relays):
         identity = ClientIdentity.of_bridge(config_dir / config.state_dir_of(name), config.fleet.name, name)
         if before and identity.pinned_server.exists() and identity.pinned_server.read_bytes() == before:
             write_whole(identity.pinned_server, files.certificate.read_bytes())

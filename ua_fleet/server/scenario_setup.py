@@ -9,6 +9,7 @@ from pathlib import Path
 
 import structlog
 
+from ua_fleet.config.nodes import events_topic
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.fleet.model import FleetModel
@@ -17,6 +18,7 @@ from ua_fleet.nodes.events import ServerEvents
 from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.place_nodes import add_places, places_of
 from ua_fleet.nodes.projection import Projection
+from ua_fleet.nodes.published_events import PublishedEvents
 from ua_fleet.nodes.robot_methods import RobotMethods
 from ua_fleet.nodes.scenario_methods import ScenarioMethods
 from ua_fleet.nodes.scenario_nodes import ScenarioNodes
@@ -75,7 +77,9 @@ def make_scenarios(
     nodes = ScenarioNodes(parts, projection.write, wall_ticks)
     nodes.build()
     add_places(parts, places_of(config))
-    view = ScenarioView(nodes, ServerEvents(server.iserver), projection, wall_ticks)
+    topic = events_topic(config)
+    published = None if topic is None else PublishedEvents(topic, lambda event: hub().publish_event(event))
+    view = ScenarioView(nodes, ServerEvents(server.iserver), projection, wall_ticks, published)
 
     def show(output: Output) -> None:
         view.show(output)

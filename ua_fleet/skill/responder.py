@@ -92,6 +92,9 @@ class ResponderLimits:
     most_remembered: int = 1000
     """Executions that are remembered; the oldest that are over are forgotten."""
     clock_tolerance_s: float = 10.0
+    """So far clocks may differ."""
+    late_tolerance_s: float | None = None
+    """So long after its TimeoutHint a request is taken; None: as far as clocks may differ, since UDP keeps nothing."""
     interval_s: float = 0.1
     """PublishingInterval."""
     most_repeats: int = 5
@@ -364,14 +367,15 @@ class ActionResponder:
 
     def _decide(self, execution: RecordedExecution, message: ActionMessage, now: float, utc: int) -> OfferDecision:
         """RUNNING, or why not."""
-        tolerance_s, hint_ms = self._limits.clock_tolerance_s, message.timeout_hint_ms or 0.0
+        limits, hint_ms = self._limits, message.timeout_hint_ms or 0.0
+        late_s = limits.clock_tolerance_s if limits.late_tolerance_s is None else limits.late_tolerance_s
         ahead_s = ((message.timestamp or 0) - utc) / TICKS_PER_SECOND
-        if hint_ms <= 0 or -ahead_s > hint_ms / 1000 + tolerance_s:
+        if hint_ms <= 0 or -ahead_s > hint_ms / 1000 + late_s:
             late = ExecutionReport(
                 _S.TIMED_OUT, StatusCode.BAD_TIMEOUT, f"it came {-ahead_s:.3f} s after it was issued"
             )
             return OfferDecision(late, Drop.REFUSED)
-        if ahead_s > tolerance_s:
+        if ahead_s > limits.clock_tolerance_s:
             said = f"it was issued {ahead_s:.3f} s ahead of this clock; set the clocks of both sides"
             return OfferDecision(ExecutionReport(_S.REFUSED, StatusCode.BAD_INVALID_TIMESTAMP, said), Drop.REFUSED)
         under_way = [self._executions[key] for key in self._under_way]

@@ -48,6 +48,8 @@ class Database:
         schema: Sequence[str],
         additions: Sequence[str] = (),
         fill: Callable[[Run], None] = lambda run: None,
+        settings: Sequence[str] = (),
+        is_checked: bool = True,
     ) -> None:
         """Open a file, or make it with its folder; only its owner may read both.
 
@@ -57,6 +59,8 @@ class Database:
             schema: statements that make an empty file one of this version.
             additions: statements that are done at each opening: what files of this version may not have yet.
             fill: puts in what an empty file has from the beginning; that and the schema are one commit.
+            settings: statements that are done before all others.
+            is_checked: whether the whole file is looked at when it is opened, which takes seconds for a large one.
         """
         self.path = path
         self._shares_sync = False
@@ -72,7 +76,9 @@ class Database:
             self._connection = sqlite3.connect(path, timeout=_LOCK_WAIT_S, isolation_level=None)
         try:
             with _errors(self.path):
-                self._prepare(version, schema, fill)
+                for setting in settings:
+                    self._connection.execute(setting)
+                self._prepare(version, schema, fill, is_checked=is_checked)
                 for statement in additions:
                     self._connection.execute(statement)
         except BaseException:
@@ -84,10 +90,10 @@ class Database:
         with _errors(self.path):
             return self._connection.execute(statement, values).fetchall()
 
-    def rows(self, statement: str) -> Generator[Sequence[Any]]:
+    def rows(self, statement: str, values: Sequence[Any] = ()) -> Generator[Sequence[Any]]:
         """The rows of a query one by one, however many."""
         with _errors(self.path):
-            yield from self._connection.execute(statement)
+            yield from self._connection.execute(statement, values)
 
     def commit(self, *statements: Statement) -> int:
         """Do all of them or none; on the disk when it returns. The number of rows that the last one changed."""
@@ -153,7 +159,7 @@ class Database:
         """Give the file free. Safe to call twice."""
         self._connection.close()
 
-    def _prepare(self, version: int, schema: Sequence[str], fill: Callable[[Run], None]) -> None:
+    def _prepare(self, version: int, schema: Sequence[str], fill: Callable[[Run], None], *, is_checked: bool) -> None:
         run = self._connection.execute
         run("PRAGMA locking_mode=EXCLUSIVE")
         is_new = run("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0
@@ -168,7 +174,7 @@ class Database:
                 fill(run)
                 run(f"PRAGMA application_id={APPLICATION_ID}")
                 run(f"PRAGMA user_version={version}")
-        complaint = run("PRAGMA quick_check(1)").fetchone()[0]
+        complaint = run("PRAGMA quick_check(1)").fetchone()[0] if is_checked else "ok"
         if complaint != "ok":
             raise sqlite3.DatabaseError(str(complaint))
         if is_new:

@@ -28,7 +28,6 @@ __all__ = [
     "ACQUIRE",
     "ACQUIRE_REQUEST",
     "ACQUIRE_RESPONSE",
-    "ACTION_TARGET_ID",
     "LEASE_REQUEST",
     "MOST_NAME_CHARACTERS",
     "RELEASE",
@@ -55,7 +54,6 @@ ACQUIRE: Final = "Acquire"
 RENEW: Final = "Renew"
 RELEASE: Final = "Release"
 """Names of the Actions."""
-ACTION_TARGET_ID: Final = 1
 MOST_NAME_CHARACTERS: Final = 256
 """Of Holder, Session and Reason; longer ones are refused."""
 

@@ -1,11 +1,12 @@
 """The kind of each message, from what stands in it and what its sender has said before. The one place that decides.
 
     what is sent                                                          kind
-    application, status, configuration or Action responder announced      registration
+    application, status or DataSetWriters announced                       registration
         cyclic status, unchanged                                          keep_alive
         the others, unchanged                                             repeat
         status that says Error                                            fault
-    metadata of a DataSet or an Action announced                          metadata; unchanged: repeat
+    metadata of a DataSet or an Action announced, or a whole
+        PubSubConnection or Action responder, to who asks                 metadata; unchanged: repeat
     probe that looks for applications                                     registration
     any other probe                                                       metadata
     Action request, Action response, again or not                         request, response
@@ -36,7 +37,9 @@ from ua_fleet.values import StatusCode
 from ua_fleet.wire import ActionMessage, Codec
 from ua_fleet.wire.discovered import (
     ActionMetaDataAnnouncement,
+    ActionResponderAnnouncement,
     AnyAnnouncement,
+    ConnectionsAnnouncement,
     PubSubState,
     StatusAnnouncement,
     WriterConfigurationAnnouncement,
@@ -167,6 +170,8 @@ class Traffic:
             self._learn(announcement.publisher_id, announcement.data_set_writer_id, announcement.metadata)
         elif isinstance(announcement, ActionMetaDataAnnouncement):
             new, about = MessageKind.METADATA, (announcement.data_set_writer_id,)
+        elif isinstance(announcement, ConnectionsAnnouncement | ActionResponderAnnouncement):
+            new = MessageKind.METADATA
         elif isinstance(announcement, WriterConfigurationAnnouncement):
             about = announcement.writer_group.writer_group_id, announcement.data_set_writer_ids
         elif isinstance(announcement, StatusAnnouncement):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 from ua_fleet.counters import Counters, Drop
@@ -29,13 +30,27 @@ class TransportStats:
     """Datagrams that the kernel dropped before we read them, where it tells."""
     receive_buffer_bytes: int = 0
     """Size of the receive buffer that the kernel gave."""
+    drops: Counter[Drop] = field(default_factory=Counter[Drop])
+    """What a transport over a broker did not send or hand on, by cause."""
+    malformed: Counter[str] = field(default_factory=Counter[str])
+    """Messages that it could not decode, by cause: of JSON, which is decoded here."""
+    forgiven: Counter[str] = field(default_factory=Counter[str])
+    """What JSON messages did wrong and was read all the same, by name."""
     problem: str = ""
     """Why nothing can be sent or received now, where the transport can tell; empty while all is well."""
 
     def count_drops(self, counters: Counters) -> None:
-        """Put what the kernel dropped or did not take into a process's counters."""
+        """Put what the kernel dropped or did not take, or a broker, into a process's counters."""
         counters.drops[Drop.KERNEL] = self.kernel_drops
         counters.drops[Drop.SEND_FAILED] = self.send_failed
+        for cause, count in self.drops.items():
+            counters.drop(cause, count)
+        self.drops.clear()
+        for name, count in self.malformed.items():
+            counters.drop_malformed(name, count)
+        self.malformed.clear()
+        counters.forgiven += self.forgiven
+        self.forgiven.clear()
 
 
 class Sends(Protocol):

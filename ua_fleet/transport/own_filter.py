@@ -21,7 +21,8 @@ __all__ = ["attach_own_filter"]
 _SO_ATTACH_FILTER: Final = 26
 _NETWORK_HEADER: Final = 0xFFF0_0000
 """SKF_NET_OFF: offsets from here on count from the IP header; others from the UDP header."""
-_SOURCE_ADDRESS_AT: Final = 12
+_SOURCE_ADDRESS_AT: Final = {4: 12, 16: 8}
+"""Where the source address stands in the header of IPv4 and of IPv6, by its length."""
 _SOURCE_PORT_AT: Final = 0
 # Instructions of classic BPF (linux/bpf_common.h).
 _LOAD_HALF, _LOAD_WORD, _JUMP_IF_EQUAL, _RETURN = 0x28, 0x20, 0x15, 0x06
@@ -29,16 +30,18 @@ _ALL: Final = 0xFFFF_FFFF
 _INSTRUCTION: Final = struct.Struct("HBBI")
 
 
-def _program(address: str, port: int) -> bytes:
-    number = int.from_bytes(socket.inet_aton(address), "big")
-    instructions = (
-        (_LOAD_HALF, 0, 0, _SOURCE_PORT_AT),
-        (_JUMP_IF_EQUAL, 0, 3, port),
-        (_LOAD_WORD, 0, 0, _NETWORK_HEADER + _SOURCE_ADDRESS_AT),
-        (_JUMP_IF_EQUAL, 0, 1, number),
-        (_RETURN, 0, 0, 0),
-        (_RETURN, 0, 0, _ALL),
-    )
+def _program(address: bytes, port: int) -> bytes:
+    """Drop what comes from there. The last instruction lets in; each comparison that fails jumps to it."""
+    at = _NETWORK_HEADER + _SOURCE_ADDRESS_AT[len(address)]
+    words = [
+        (_LOAD_WORD, at + start, int.from_bytes(address[start : start + 4], "big"))
+        for start in range(0, len(address), 4)
+    ]
+    compared = [(_LOAD_HALF, _SOURCE_PORT_AT, port), *words]
+    instructions: list[tuple[int, int, int, int]] = []
+    for left, (load, offset, wanted) in zip(reversed(range(len(compared))), compared, strict=True):
+        instructions += [(load, 0, 0, offset), (_JUMP_IF_EQUAL, 0, 2 * left + 1, wanted)]
+    instructions += [(_RETURN, 0, 0, 0), (_RETURN, 0, 0, _ALL)]
     return b"".join(_INSTRUCTION.pack(*each) for each in instructions)
 
 
@@ -47,7 +50,8 @@ def attach_own_filter(receiver: socket.socket, sender: socket.socket) -> bool:
 
     A filter that the receiver had before is replaced.
     """
-    program = _program(*sender.getsockname())
+    host, port, *_ = sender.getsockname()
+    program = _program(socket.inet_pton(sender.family, host), port)
     buffer = ctypes.create_string_buffer(program, len(program))
     described = struct.pack("HP", len(program) // _INSTRUCTION.size, ctypes.addressof(buffer))
     try:

@@ -100,7 +100,12 @@ class PacedSender(SealedSender):
         is_large = len(datagram) > self._envelope.max_plain_bytes
         if not is_large and not self._queue:
             for part in self._sealed(datagram, address):
-                self._transport.send(part, address)
+                if self._send_part is None:
+                    self._transport.send(part, address)
+                else:
+                    self._send_part(part, datagram, address)
+            if self._stats.send_failed != self._seen_failed:
+                self._count_failed(datagram)
             return
         writers = _writers_of(datagram)
         if not writers or not (is_large or self._follows(writers)):
@@ -164,7 +169,12 @@ class PacedSender(SealedSender):
                 self._counters.drop(Drop.CONVERSION)
                 continue  # it ends there: the next part is none
             if part is not None:
-                self._transport.send(part, waiting.address)
+                if self._send_part is None:
+                    self._transport.send(part, waiting.address)
+                else:
+                    self._send_part(part, waiting.datagram, waiting.address)
+                if self._stats.send_failed != self._seen_failed:
+                    self._count_failed(waiting.datagram)
                 waiting.size += len(part)
                 self._budget.spend(now, len(part))
                 continue

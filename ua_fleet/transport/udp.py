@@ -1,4 +1,4 @@
-"""UDP over IPv4, multicast and unicast (OPC 10000-14 7.3.2).
+"""UDP over IPv4 or IPv6, multicast and unicast (OPC 10000-14 7.3.2).
 
 Multicast: every member sends to the group and hears the group, itself included unless it is told not to (see
 `own_filter.py`). The receiving socket is bound to the group's address, so it gets nothing of other groups on the same
@@ -31,6 +31,7 @@ import structlog
 from ua_fleet.errors import TransportError
 from ua_fleet.transport.addresses import parse_url
 from ua_fleet.transport.base import Address, Receive, TransportStats
+from ua_fleet.transport.families import IPV4, Family, family_of
 from ua_fleet.transport.interfaces import Interface, find_interface, interface_state
 from ua_fleet.transport.own_filter import attach_own_filter
 from ua_fleet.wire.outline import is_action
@@ -49,7 +50,6 @@ _WARNING_PERIOD_S: Final = 60.0
 _SEND_BUFFER_BYTES: Final = 1024 * 1024
 
 # Linux's numbers, which Python has no names for.
-_IP_MULTICAST_ALL: Final = 49
 _SO_RCVBUFFORCE: Final = 33
 _SO_MEMINFO: Final = 55
 _MEMINFO_DROPS: Final = 8
@@ -74,7 +74,7 @@ class UdpTransport:
 
         Args:
             url: `opc.udp://<host>:<port>`.
-            interface: name or IPv4 address of the network interface, or an IPv4 subnet with an address of it.
+            interface: name or address of the network interface, or a subnet with an address of it.
             ttl: router hops that a multicast datagram may make.
             receive_buffer_bytes: wanted size of the receive buffer; `stats` says what the kernel gave.
             hears_itself: whether what it sends to a group comes back; otherwise not, where the kernel can keep it out.
@@ -87,6 +87,7 @@ class UdpTransport:
         self._url = url
         self._host, self._port = parse_url(url)
         self._interface_name = interface
+        self._family: Family = IPV4
         self._ttl = ttl
         self._wanted_buffer_bytes = receive_buffer_bytes
         self._is_multicast = False
@@ -125,9 +126,10 @@ class UdpTransport:
         loop = self._loop = asyncio.get_running_loop()
         self._receive = receive
         self._host = await self._resolve(loop)
-        self._is_multicast = ipaddress.IPv4Address(self._host).is_multicast
+        self._family = family_of(self._host)
+        self._is_multicast = ipaddress.ip_address(self._host).is_multicast
         try:
-            self._open(find_interface(self._interface_name))
+            self._open(self._find_interface())
         except BaseException:
             await self.close()
             raise
@@ -165,12 +167,16 @@ class UdpTransport:
 
     async def _resolve(self, loop: asyncio.AbstractEventLoop) -> str:
         try:
-            found = await loop.getaddrinfo(self._host, self._port, family=socket.AF_INET, type=socket.SOCK_DGRAM)
+            found = await loop.getaddrinfo(self._host, self._port, type=socket.SOCK_DGRAM)
         except socket.gaierror as error:
             raise TransportError(
-                f"{self._url}: {self._host} is no IPv4 address and no known host name ({error.strerror})"
+                f"{self._url}: {self._host} is no IP address and no known host name ({error.strerror})"
             ) from error
+        found.sort(key=lambda one: one[0] != socket.AF_INET)  # of a name that has both, as it always was
         return str(found[0][4][0])
+
+    def _find_interface(self) -> Interface:
+        return find_interface(self._interface_name, self._family.version, self._host)
 
     def _open(self, interface: Interface) -> None:
         """Open both sockets for an interface as it is now."""
@@ -189,15 +195,14 @@ class UdpTransport:
 
     def _open_receiver(self, interface: Interface) -> None:
         address = self._host if self._is_multicast else interface.address
-        receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        receiver = self._family.open()
         try:
             if self._is_multicast:
                 receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
                 receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-                # Only what this socket joined, on the interface where it joined it.
-                receiver.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+                self._family.only_joined(receiver)
             self._enlarge(receiver)
-            receiver.bind((address, self._port))
+            receiver.bind(self._family.sockaddr(address, self._port, interface))
         except OSError as error:
             receiver.close()
             raise self._bind_error(address, error) from error
@@ -230,44 +235,39 @@ class UdpTransport:
 
     def _join(self, interface: Interface) -> None:
         assert self._receiver is not None
-        group = socket.inet_aton(self._host)
+        family = self._family
         if self._joined_index is not None:
-            before = _ip_mreqn(group=group, index=self._joined_index)
-            with contextlib.suppress(OSError):  # the kernel took it away with the interface
-                self._receiver.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, before)
+            family.leave(self._receiver, self._host, self._joined_index)
             self._joined_index = None
-        joined = _ip_mreqn(group=group, index=interface.index)
         try:
-            self._receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
+            family.join(self._receiver, self._host, interface.index)
         except OSError as error:
             if error.errno == errno.ENOBUFS:
-                remedy = "raise it: sysctl net.ipv4.igmp_max_memberships=100"
+                remedy = f"raise it: {family.more_groups}"
                 raise TransportError(f"cannot join {self._host}: too many groups; {remedy}") from error
             raise TransportError(f"cannot join {self._host} on {interface.name}: {error.strerror}") from error
         self._joined_index = interface.index
 
     def _open_sender(self, interface: Interface) -> None:
-        sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        family = self._family
+        sender = family.open()
         try:
             sender.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
             if self._is_multicast:
-                option = _ip_mreqn(address=socket.inet_aton(interface.address), index=interface.index)
-                sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, option)
-                sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, self._ttl)
-                sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
-            sender.bind((interface.address, 0))
-            direct = _beside(sender)
+                family.send_through(sender, interface, self._ttl)
+            sender.bind(family.sockaddr(interface.address, 0, interface))
+            direct = _beside(sender, family)
         except OSError as error:
             sender.close()
             raise self._route_error(interface, error) from error
         try:
-            sender.connect((self._host, self._port))
+            sender.connect(family.sockaddr(self._host, self._port, interface))
         except OSError as error:
             sender.close()
             direct.close()
             raise self._route_error(interface, error) from error
         self._sender, self._direct = sender, direct
-        self._own.append(sender.getsockname())
+        self._own.append(family.address(sender.getsockname()))
         if self._is_multicast and self._receiver is not None and not self._hears_itself:
             self._is_filtered = attach_own_filter(self._receiver, sender)
         self._read(direct)
@@ -276,9 +276,9 @@ class UdpTransport:
     def _route_error(self, interface: Interface, error: OSError) -> TransportError:
         place = f"{self._host} through {interface.name}"
         if error.errno in (errno.ENETUNREACH, errno.EHOSTUNREACH):
-            network = "224.0.0.0/4" if self._is_multicast else self._host
             kind = "multicast route" if self._is_multicast else "route"
-            return TransportError(f"no {kind} to {place}; add one: ip route add {network} dev {interface.name}")
+            remedy = self._family.new_route(None if self._is_multicast else self._host, interface.name)
+            return TransportError(f"no {kind} to {place}; add one: {remedy}")
         if error.errno in (errno.EACCES, errno.EPERM):
             return TransportError(f"no permission to send to {place}; look at the firewall's rules for output")
         return TransportError(f"cannot send to {place}: {error.strerror}")
@@ -286,6 +286,7 @@ class UdpTransport:
     def _drain(self, receiver: socket.socket) -> None:
         """Read what is there, up to a bound, urgent ones first; the event loop calls again while there is more."""
         receive, stats, values = self._receive, self.stats, self._waiting
+        address = None if self._family is IPV4 else self._family.address
         assert receive is not None
         if values:
             return  # they come first
@@ -298,6 +299,8 @@ class UdpTransport:
                 break
             stats.received += 1
             left -= len(datagram)
+            if address is not None:
+                sender = address(sender)
             if is_action(datagram) or datagram[: self._head_bytes] in self._urgent_heads:
                 receive(datagram, sender)
             else:
@@ -339,8 +342,8 @@ class UdpTransport:
     def _send_to(self, datagram: bytes, address: Address) -> None:
         """What fails here is the address's matter, not the interface's: only the count says so."""
         if self._direct is not None:
-            with contextlib.suppress(OSError, OverflowError):
-                self._direct.sendto(datagram, address)
+            with contextlib.suppress(OSError, OverflowError, ValueError):
+                self._direct.sendto(datagram, self._family.target(address))
                 self.stats.sent += 1
                 return
         self.stats.send_failed += 1
@@ -353,10 +356,10 @@ class UdpTransport:
         before, sender = self._interface, self._sender
         is_working = sender is not None and not self._send_failing
         try:
-            state = b"" if sender is None or before is None else interface_state(sender, before.name)
+            state = b"" if sender is None or before is None else interface_state(sender, before)
             if is_working and state and state == self._state:
                 return
-            interface = find_interface(self._interface_name)
+            interface = self._find_interface()
             if is_working and interface == before:
                 self._state = state
                 return
@@ -425,9 +428,9 @@ class UdpTransport:
         opened.close()
 
 
-def _beside(sender: socket.socket) -> socket.socket:
+def _beside(sender: socket.socket, family: Family) -> socket.socket:
     """A socket at the port of a bound one, which must not be connected yet. No third one can come to that port."""
-    direct = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+    direct = family.open()
     try:
         for each in (sender, direct):  # after the sender's bind: before, the kernel might share a foreign port with us
             each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -446,8 +449,3 @@ def _drops(opened: socket.socket) -> int:
         memory = opened.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
         return int(struct.unpack_from("I", memory, 4 * _MEMINFO_DROPS)[0])
     return 0
-
-
-def _ip_mreqn(*, group: bytes = b"", address: bytes = b"", index: int) -> bytes:
-    """A `struct ip_mreqn` (man 7 ip)."""
-    return struct.pack("4s4si", group, address, index)

@@ -31,6 +31,8 @@ Security and chunks are transforms of whole datagrams around the codec, which kn
     plain = key.unprotect(heard)                                         # or RemoteWireError(Cause.SIGNATURE)
     chunk = read_chunk(plain)                                            # None: it is a whole message
     join(chunk, *parts)                                                  -> bytes, once the data of all chunks is there
+
+The same messages as JSON are in `ua_fleet.wire.json`.
 """
 
 from ua_fleet.wire.actions import ActionMessage, ActionState, encode_action

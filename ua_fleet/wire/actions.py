@@ -66,7 +66,15 @@ from ua_fleet.wire.header import Header, encode_header
 from ua_fleet.wire.messages import DataSetMessage, FieldEncoding, NetworkMessage, PublisherIdType
 from ua_fleet.wire.variant import decode_variant, encode_typed
 
-__all__ = ["ActionMessage", "ActionState", "decode_action", "encode_action", "pass_action_header"]
+__all__ = [
+    "MOST_CORRELATION_BYTES",
+    "MOST_REQUESTOR_BYTES",
+    "ActionMessage",
+    "ActionState",
+    "decode_action",
+    "encode_action",
+    "pass_action_header",
+]
 
 # ActionFlags
 IS_REQUEST: Final = 0x01

@@ -284,6 +284,8 @@ def encode_extension_object(out: bytearray, value: Any) -> None:
     """Append an ExtensionObject."""
     if not isinstance(value, ExtensionObject):
         raise LocalWireError(f"{value!r:.80} is no ExtensionObject")
+    if isinstance(value.body, bytes) and value.body.__class__ is not bytes:  # text of JSON, and no Binary body
+        raise LocalWireError(f"a structure of type {value.type_id} that no description tells how to write")
     encode_node_id(out, value.type_id)
     if value.body is None:
         out.append(0)

@@ -75,7 +75,10 @@ CONNECTION_TRANSPORT: Final = extension(
 )
 
 WRITER_MESSAGE: Final = extension(
-    {15717: (d.UadpDataSetWriterMessage, structure(d.UadpDataSetWriterMessage, UINT32, UINT16, UINT16, UINT16))}
+    {
+        15717: (d.UadpDataSetWriterMessage, structure(d.UadpDataSetWriterMessage, UINT32, UINT16, UINT16, UINT16)),
+        15724: (d.JsonDataSetWriterMessage, structure(d.JsonDataSetWriterMessage, UINT32)),
+    }
 )
 
 GROUP_MESSAGE: Final = extension(
@@ -83,7 +86,8 @@ GROUP_MESSAGE: Final = extension(
         15715: (
             d.UadpWriterGroupMessage,
             structure(d.UadpWriterGroupMessage, UINT32, ENUMERATION, UINT32, DOUBLE, array(DOUBLE)),
-        )
+        ),
+        15719: (d.JsonWriterGroupMessage, structure(d.JsonWriterGroupMessage, UINT32)),
     }
 )
 

@@ -28,6 +28,8 @@ __all__ = [
     "DatagramConnectionTransport",
     "EndpointDescription",
     "EndpointsAnnouncement",
+    "JsonDataSetWriterMessage",
+    "JsonWriterGroupMessage",
     "KeyValuePair",
     "NetworkAddressUrl",
     "PubSubConnection",
@@ -145,6 +147,18 @@ class UadpDataSetWriterMessage(NamedTuple):
     data_set_offset: int = 0
 
 
+class JsonWriterGroupMessage(NamedTuple):
+    """JsonWriterGroupMessageDataType (OPC 10000-14 6.3.2.1.2)."""
+
+    network_message_content_mask: int = 0
+
+
+class JsonDataSetWriterMessage(NamedTuple):
+    """JsonDataSetWriterMessageDataType (OPC 10000-14 6.3.2.3.2)."""
+
+    data_set_message_content_mask: int = 0
+
+
 class DataSetWriter(NamedTuple):
     """DataSetWriterDataType (OPC 10000-14 6.2.4.5)."""
 
@@ -156,7 +170,7 @@ class DataSetWriter(NamedTuple):
     data_set_name: str | None = None
     properties: tuple[KeyValuePair, ...] = ()
     transport_settings: ExtensionObject | None = None
-    message_settings: UadpDataSetWriterMessage | ExtensionObject | None = None
+    message_settings: UadpDataSetWriterMessage | JsonDataSetWriterMessage | ExtensionObject | None = None
 
 
 class WriterGroup(NamedTuple):
@@ -176,7 +190,7 @@ class WriterGroup(NamedTuple):
     locale_ids: tuple[str, ...] = ()
     header_layout_uri: str | None = None
     transport_settings: ExtensionObject | None = None
-    message_settings: UadpWriterGroupMessage | ExtensionObject | None = None
+    message_settings: UadpWriterGroupMessage | JsonWriterGroupMessage | ExtensionObject | None = None
     data_set_writers: tuple[DataSetWriter, ...] = ()
 
 

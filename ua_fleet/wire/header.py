@@ -34,6 +34,7 @@ __all__ = [
     "decode_publisher_id",
     "encode_discovery_header",
     "encode_header",
+    "encode_publisher_id",
 ]
 
 UADP_VERSION: Final = 1
@@ -227,7 +228,8 @@ def _pass_security_header(cursor: Cursor) -> None:
     cursor.take(cursor.byte())  # MessageNonce
 
 
-def _encode_publisher_id(out: bytearray, publisher_id: object, publisher_id_type: int) -> None:
+def encode_publisher_id(out: bytearray, publisher_id: object, publisher_id_type: int) -> None:
+    """Append a PublisherId of this type."""
     if publisher_id_type == PublisherIdType.STRING:
         if publisher_id is None:
             raise LocalWireError("a String PublisherId must not be null")
@@ -270,7 +272,7 @@ def encode_header(out: bytearray, message: NetworkMessage, *, has_action_header:
     if extended2:
         out.append(extended2)
     if message.publisher_id is not None:
-        _encode_publisher_id(out, message.publisher_id, message.publisher_id_type)
+        encode_publisher_id(out, message.publisher_id, message.publisher_id_type)
     if message.data_set_class_id is not None:
         encode_guid(out, message.data_set_class_id)
     if group_flags:
@@ -324,5 +326,5 @@ def encode_discovery_header(
     out.append(UADP_VERSION | HAS_PUBLISHER_ID | HAS_EXTENDED_FLAGS_1)
     out.append(publisher_id_type | HAS_SECURITY_HEADER | HAS_EXTENDED_FLAGS_2)
     out.append(message_type << 2)
-    _encode_publisher_id(out, publisher_id, publisher_id_type)
+    encode_publisher_id(out, publisher_id, publisher_id_type)
     out += NO_SECURITY

@@ -10,6 +10,7 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 from ua_fleet.values import LocalizedText, NodeId, QualifiedName
+from ua_fleet.wire.descriptions import EnumerationDescription, SimpleTypeDescription, StructureDescription
 
 __all__ = [
     "Announcement",
@@ -84,7 +85,7 @@ class DataSetMessage(NamedTuple):
     field_source_picoseconds: tuple[int | None, ...] | None = None
     field_server_picoseconds: tuple[int | None, ...] | None = None
     raw: bytes | None = None
-    """The undecoded fields of a RawData message: only its metadata tells their types."""
+    """The undecoded fields of a RawData message, or a payload of JSON as text: only metadata tells their types."""
     valid: bool = True
     """Bit 0 of DataSetFlags1: a message without it is to be ignored."""
 
@@ -133,7 +134,7 @@ class FieldMetaData(NamedTuple):
 
 
 class DataSetMetaData(NamedTuple):
-    """DataSetMetaDataType (OPC 10000-14 6.2.3.2.3) without structure, enumeration and simple type descriptions."""
+    """DataSetMetaDataType (OPC 10000-14 6.2.3.2.3)."""
 
     name: str
     fields: tuple[FieldMetaData, ...]
@@ -141,6 +142,10 @@ class DataSetMetaData(NamedTuple):
     description: LocalizedText = LocalizedText(None)
     data_set_class_id: uuid.UUID = uuid.UUID(int=0)
     namespaces: tuple[str, ...] = ()
+    """URIs of the namespaces that NodeIds and names here refer to; the first has the index 1."""
+    structures: tuple[StructureDescription, ...] = ()
+    enumerations: tuple[EnumerationDescription, ...] = ()
+    simple_types: tuple[SimpleTypeDescription, ...] = ()
 
 
 class ProbeKind(IntEnum):

@@ -27,13 +27,20 @@ from ua_fleet.wire.builtin import (
 )
 from ua_fleet.wire.causes import Cause
 from ua_fleet.wire.cursor import Cursor
+from ua_fleet.wire.descriptions import (
+    SMALLEST_DESCRIPTION,
+    decode_enumeration,
+    decode_simple_type,
+    decode_structure,
+    encode_enumeration,
+    encode_simple_type,
+    encode_structure,
+)
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMetaData, FieldMetaData
 from ua_fleet.wire.variant import decode_variant, encode_typed
 
-__all__ = ["decode_metadata", "encode_metadata"]
+__all__ = ["MOST_DESCRIBED", "decode_metadata", "encode_metadata"]
 
-SMALLEST_DESCRIPTION: Final = 8
-"""Bytes that a description of a data type takes at least: NodeId 2, QualifiedName 6."""
 SMALLEST_FIELD: Final = 43
 SMALLEST_PROPERTY: Final = 7
 
@@ -41,25 +48,27 @@ MOST_DESCRIBED: Final = 2_000
 """Fields, their properties and what describes data types, together: 20,000 take half a second to read."""
 
 _FLAGS_AND_TYPE = Struct("<HB")
-_INT64 = Struct("<q")
 
 
 def decode_metadata(cursor: Cursor) -> DataSetMetaData:
-    """A DataSetMetaDataType. Descriptions of structures, enumerations and simple types are checked and passed over."""
+    """A DataSetMetaDataType."""
     namespaces = decode_strings(cursor)
     most = cursor.elements + MOST_DESCRIBED
-    for _ in range(_count(cursor, SMALLEST_DESCRIPTION, most)):
-        _pass_structure(cursor, most)
-    for _ in range(_count(cursor, SMALLEST_DESCRIPTION, most)):
-        _pass_enumeration(cursor, most)
-    for _ in range(_count(cursor, SMALLEST_DESCRIPTION, most)):
-        _pass_simple_type(cursor)
+
+    def count(cursor: Cursor, smallest: int) -> int:
+        return _count(cursor, smallest, most)
+
+    structures = tuple([decode_structure(cursor, count) for _ in range(count(cursor, SMALLEST_DESCRIPTION))])
+    enumerations = tuple([decode_enumeration(cursor, count) for _ in range(count(cursor, SMALLEST_DESCRIPTION))])
+    simple_types = tuple([decode_simple_type(cursor) for _ in range(count(cursor, SMALLEST_DESCRIPTION))])
     name = decode_string(cursor) or ""
     description = decode_localized_text(cursor)
     fields = tuple([_decode_field(cursor, most) for _ in range(_count(cursor, SMALLEST_FIELD, most))])
     class_id = decode_guid(cursor)
     version = ConfigurationVersion(cursor.uint32(), cursor.uint32())
-    return DataSetMetaData(name, fields, version, description, class_id, namespaces)
+    return DataSetMetaData(
+        name, fields, version, description, class_id, namespaces, structures, enumerations, simple_types
+    )
 
 
 def _count(cursor: Cursor, smallest: int, most: int) -> int:
@@ -97,45 +106,18 @@ def _decode_property(cursor: Cursor) -> tuple[QualifiedName, int, Any]:
     return key, variant.type, variant.value
 
 
-def _pass_structure(cursor: Cursor, most: int) -> None:
-    decode_node_id(cursor)
-    decode_qualified_name(cursor)
-    decode_node_id(cursor)  # DefaultEncodingId
-    decode_node_id(cursor)  # BaseDataType
-    cursor.int32()  # StructureType
-    for _ in range(_count(cursor, 1, most)):
-        decode_string(cursor)
-        decode_localized_text(cursor)
-        decode_node_id(cursor)
-        cursor.int32()  # ValueRank
-        decode_uint32s(cursor)
-        cursor.uint32()  # MaxStringLength
-        cursor.byte()  # IsOptional
-
-
-def _pass_enumeration(cursor: Cursor, most: int) -> None:
-    decode_node_id(cursor)
-    decode_qualified_name(cursor)
-    for _ in range(_count(cursor, 1, most)):
-        cursor.unpack(_INT64)
-        decode_localized_text(cursor)
-        decode_localized_text(cursor)
-        decode_string(cursor)
-    cursor.byte()  # BuiltInType
-
-
-def _pass_simple_type(cursor: Cursor) -> None:
-    decode_node_id(cursor)
-    decode_qualified_name(cursor)
-    decode_node_id(cursor)
-    cursor.byte()  # BuiltInType
-
-
 def encode_metadata(out: bytearray, metadata: DataSetMetaData) -> None:
-    """Append a DataSetMetaDataType without descriptions of data types."""
+    """Append a DataSetMetaDataType."""
     encode_strings(out, metadata.namespaces)
-    for _ in ("StructureDataTypes", "EnumDataTypes", "SimpleDataTypes"):
-        encode_length(out, 0)
+    encode_length(out, len(metadata.structures))
+    for structure in metadata.structures:
+        encode_structure(out, structure)
+    encode_length(out, len(metadata.enumerations))
+    for enumeration in metadata.enumerations:
+        encode_enumeration(out, enumeration)
+    encode_length(out, len(metadata.simple_types))
+    for simple_type in metadata.simple_types:
+        encode_simple_type(out, simple_type)
     encode_string(out, metadata.name)
     encode_localized_text(out, metadata.description)
     encode_length(out, len(metadata.fields))

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import prod
-from typing import Any, Final
+from typing import Any, Final, cast
 
-from ua_fleet.errors import RemoteWireError
+from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType, Matrix
+from ua_fleet.wire.builtin import encode_length
 from ua_fleet.wire.causes import Cause
 from ua_fleet.wire.cursor import DEEPEST_NESTING, Cursor
-from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldMetaData, FrameKind
-from ua_fleet.wire.variant import DECODERS, SMALLEST
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldEncoding, FieldMetaData, FrameKind
+from ua_fleet.wire.packed import LETTERS, is_packed
+from ua_fleet.wire.variant import DECODERS, ENCODERS, SMALLEST
 
-__all__ = ["decode_raw_fields"]
+__all__ = ["decode_raw_fields", "encode_raw_field"]
 
 PADDED: Final = (BuiltinType.STRING, BuiltinType.BYTE_STRING)
 """The types that are padded with zeros up to MaxStringLength."""
@@ -37,10 +40,10 @@ FORBIDDEN: Final = frozenset(
 def decode_raw_fields(message: DataSetMessage, metadata: DataSetMetaData) -> DataSetMessage:
     """The message with its `raw` bytes decoded into `types` and `values`; raises RemoteWireError.
 
-    A message without raw bytes is returned as it is. Whether the metadata is of the right version is the caller's to
-    know.
+    A message without raw bytes, or with those of another encoding (JSON), is returned as it is. Whether the metadata is
+    of the right version is the caller's to know.
     """
-    if message.raw is None:
+    if message.raw is None or message.encoding != FieldEncoding.RAW_DATA:
         return message
     cursor = Cursor(message.raw)
     if message.kind == FrameKind.DELTA:
@@ -151,3 +154,92 @@ def _pass_padding(cursor: Cursor, size: int, field: FieldMetaData) -> None:
         raise RemoteWireError(
             Cause.RAW_PADDING, f"field {field.name!r:.80} is padded with other bytes than 0", cursor.position
         )
+
+
+def encode_raw_field(field: FieldMetaData, value: Any) -> bytes:
+    """A field of a RawData message, padded to the maxima of its metadata.
+
+    Raises:
+        LocalWireError: a type or ValueRank that RawData cannot have, or a value that does not fit.
+    """
+    kind, rank = field.builtin_type, field.value_rank
+    if kind in FORBIDDEN or kind > BuiltinType.DIAGNOSTIC_INFO:
+        raise LocalWireError(f"field {field.name!r:.80} has type {kind}, which RawData cannot have")
+    out = bytearray()
+    if rank == -1:
+        _encode_element(out, field, value)
+    elif rank == 1:
+        _encode_array(out, field, value)
+    elif 1 < rank <= DEEPEST_NESTING:
+        _encode_matrix(out, field, value)
+    else:
+        raise LocalWireError(f"field {field.name!r:.80} has ValueRank {rank}, which RawData cannot have")
+    return bytes(out)
+
+
+def _encode_element(out: bytearray, field: FieldMetaData, value: Any) -> None:
+    start = len(out)
+    ENCODERS[field.builtin_type](out, value)
+    if field.builtin_type in PADDED and field.max_string_length:
+        _pad(out, start + _element_size(field), field)
+
+
+def _encode_array(out: bytearray, field: FieldMetaData, value: Any) -> None:
+    start = len(out)
+    if value is None:
+        encode_length(out, -1)
+    elif is_packed(value, LETTERS.get(field.builtin_type, "")):
+        encode_length(out, len(value))
+        out += value.cast("B")
+    elif isinstance(value, tuple):
+        elements = cast("Sequence[Any]", value)
+        encode_length(out, len(elements))
+        for element in elements:
+            _encode_element(out, field, element)
+    else:
+        raise LocalWireError(f"field {field.name!r:.80}: {value!r:.80} is no array")
+    if field.array_dimensions and field.array_dimensions[0]:
+        _pad(out, start + 4 + field.array_dimensions[0] * _element_size(field), field)
+
+
+def _encode_matrix(out: bytearray, field: FieldMetaData, value: Any) -> None:
+    if not isinstance(value, Matrix) or len(value.dimensions) != field.value_rank:
+        raise LocalWireError(f"field {field.name!r:.80}: {value!r:.80} is no matrix of {field.value_rank} dimensions")
+    elements, dimensions = value
+    if prod(dimensions) != len(elements):
+        raise LocalWireError(f"field {field.name!r:.80}: {len(elements)} elements do not fill {dimensions}")
+    encode_length(out, len(dimensions))
+    for length in dimensions:
+        encode_length(out, length)
+    largest = field.array_dimensions
+    if len(largest) != len(dimensions) or not all(largest):  # then there is no maximum to pad up to
+        largest = dimensions
+    if any(length > most for length, most in zip(dimensions, largest, strict=True)):
+        raise LocalWireError(f"field {field.name!r:.80} has dimensions {dimensions}, its metadata allows {largest}")
+    if elements:
+        _encode_rows(out, field, tuple(elements), dimensions, largest)
+    else:
+        out += bytes(prod(largest) * _element_size(field))
+
+
+def _encode_rows(
+    out: bytearray,
+    field: FieldMetaData,
+    elements: tuple[Any, ...],
+    dimensions: tuple[int, ...],
+    largest: tuple[int, ...],
+) -> None:
+    start, step = len(out), len(elements) // dimensions[0]
+    for row in range(dimensions[0]):
+        if len(dimensions) == 1:
+            _encode_element(out, field, elements[row])
+        else:
+            part = elements[row * step : (row + 1) * step]
+            _encode_rows(out, field, part, dimensions[1:], largest[1:])
+    _pad(out, start + prod(largest) * _element_size(field), field)
+
+
+def _pad(out: bytearray, end: int, field: FieldMetaData) -> None:
+    if len(out) > end:
+        raise LocalWireError(f"field {field.name!r:.80} is {len(out) - end} bytes longer than its metadata allows")
+    out += bytes(end - len(out))

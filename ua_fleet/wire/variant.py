@@ -18,6 +18,7 @@ from ua_fleet.wire.packed import LETTERS, is_packed
 __all__ = [
     "DECODERS",
     "ENCODERS",
+    "NESTED_ENCODERS",
     "SMALLEST",
     "decode_data_value",
     "decode_typed",

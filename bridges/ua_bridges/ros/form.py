@@ -20,9 +20,10 @@ from ua_bridges.ros.fields import ros_type_of
 from ua_bridges.ros.leaves import leaves_of
 from ua_bridges.ros.schema import MessageSchema
 from ua_fleet.bridge.configured import every_data_set
+from ua_fleet.config.nodes import events_topic
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType, datetime_from_ticks, unix_ns_from_ticks
+from ua_fleet.values import BuiltinType, LocalizedText, NodeId, datetime_from_ticks, unix_ns_from_ticks
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 __all__ = ["Form", "form_of", "named_types", "with_stamp"]
@@ -64,7 +65,10 @@ class _Stamped(Form):
 
 def named_types(config: FleetConfig) -> dict[Topic, str]:
     """The data of several fields that `fleet.yaml` has: the type that is named for it, or an empty text."""
-    return {topic: data.ros_type or "" for _, _, topic, data in every_data_set(config) if data.fields}
+    named = {topic: data.ros_type or "" for _, _, topic, data in every_data_set(config) if data.fields}
+    if (events := events_topic(config)) is not None:
+        named[events] = ""
+    return named
 
 
 def form_of(topic: Topic, metadata: DataSetMetaData, named: Mapping[Topic, str]) -> Form:
@@ -106,6 +110,10 @@ def _as_json(names: Sequence[str], kinds: Sequence[BuiltinType], values: Values)
 
 def _plain(kind: BuiltinType, value: Any) -> Any:
     """A value as JSON has it; null for what it cannot say (NaN, infinity)."""
+    if isinstance(value, LocalizedText):
+        return value.text
+    if isinstance(value, NodeId):
+        return f"ns={value.namespace};{'i' if isinstance(value.identifier, int) else 's'}={value.identifier!s}"
     if isinstance(value, tuple | list):
         return [_plain(kind, item) for item in cast("Sequence[Any]", value)]
     if value is None:

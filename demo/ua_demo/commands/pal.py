@@ -12,6 +12,9 @@ from ua_demo.commands.run_messages import (
     CONSOLE_PORT,
     ConsolePort,
     NoConsole,
+    PubSubUrls,
+    WithBroker,
+    check_broker,
     report_writer,
     shown_until_ctrl_c,
     tell_how_to_connect,
@@ -37,12 +40,13 @@ def pal(
     domain: Annotated[int, typer.Option(help="ROS 2 domain of the TurtleBot3.", min=2, max=232)] = 2,
     port: Annotated[int, typer.Option(help="TCP port of the OPC UA server.", min=1, max=65535)] = 4840,
     ros_master_port: Annotated[int, typer.Option(help="TCP port of the ROS master.", min=1, max=65535)] = 11311,
-    pubsub_url: Annotated[str | None, typer.Option(help="PubSub address, e.g. opc.udp://239.1.2.3:4840.")] = None,
+    pubsub_url: PubSubUrls = None,
     folder: Annotated[Path | None, typer.Option(help="Folder for configuration, state and logs.")] = None,
     without_ros1: Annotated[bool, typer.Option("--without-ros1", help="Run the arm in ROS 2.")] = False,
     secure: Annotated[bool, typer.Option("--secure", help="Sign and encrypt PubSub, with the key service.")] = False,
     arm_domain: Annotated[int, typer.Option(help="ROS 2 domain of the arm without ROS 1.", min=2, max=232)] = 3,
     without_loop_rule: WithoutLoopRule = False,
+    broker: WithBroker = False,
     no_console: NoConsole = False,
     console_port: ConsolePort = CONSOLE_PORT,
 ) -> None:
@@ -60,6 +64,7 @@ def pal(
     except ImportError as error:
         raise BridgeUnavailable(f"the demonstration cannot run: {error}", extra="server") from error
 
+    check_broker(broker, pubsub_url)
     ends: list[DemoResult] = []
     write_report = report_writer(json_file)
 
@@ -68,11 +73,12 @@ def pal(
             place,
             port=port,
             master_port=ros_master_port,
-            pubsub_url=pubsub_url,
+            pubsub_urls=pubsub_url or (),
             without_ros1=without_ros1,
             secure=secure,
             console_port=None if no_console else console_port,
             say=message,
+            with_broker=broker,
         )
         setting = make_setting(
             site,

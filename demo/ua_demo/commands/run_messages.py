@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from ua_fleet.cli.endings import UsageError
 from ua_fleet.cli.output import message, print_line
 from ua_fleet.errors import ConfigError
 
@@ -22,6 +23,9 @@ __all__ = [
     "CONSOLE_PORT",
     "ConsolePort",
     "NoConsole",
+    "PubSubUrls",
+    "WithBroker",
+    "check_broker",
     "report_writer",
     "shown_until_ctrl_c",
     "tell_how_to_connect",
@@ -30,7 +34,26 @@ __all__ = [
 
 CONSOLE_PORT: Final = 8080
 NoConsole = Annotated[bool, typer.Option("--no-console", help="Start no web console.")]
+PubSubUrls = Annotated[
+    list[str] | None,
+    typer.Option(help="PubSub address, e.g. opc.udp://239.1.2.3:4840; of a clustered MQTT broker several, its nodes'."),
+]
+WithBroker = Annotated[
+    bool, typer.Option("--broker", help="Carry PubSub over an MQTT broker (mosquitto), which is started for it.")
+]
 ConsolePort = Annotated[int, typer.Option(help="TCP port of the web console.", min=1, max=65535)]
+
+
+def check_broker(is_wanted: bool, pubsub_urls: Sequence[str] | None) -> None:
+    """Raise UsageError where a broker is to be started, and PubSub to go elsewhere; DemoFailed where there is none."""
+    from ua_demo.broker import find_broker
+
+    if is_wanted and pubsub_urls:
+        raise UsageError(
+            "--broker starts a broker of its own: leave out --pubsub-url, or name that of yours without it"
+        )
+    if is_wanted:
+        find_broker()
 
 
 def report_writer(path: Path | None) -> Callable[[Mapping[str, Any]], None]:
@@ -80,5 +103,7 @@ def tell_how_to_connect(site: Site) -> None:
     message(f"UaExpert: {site.endpoint}  (Basic256Sha256, Sign & Encrypt)")
     message(f"          user {USER}, password {site.password}")
     message(f"          user {ENGINEER}, same password: stores scenarios too, and sees messages and the audit log")
+    if site.broker_port is not None:
+        message(f"MQTT:     mosquitto_sub -h 127.0.0.1 -p {site.broker_port} -v -F '%t %l bytes' -t '#'")
     if site.secure:
         message(f"PubSub:   signed and encrypted, keys from the server, changed every {KEY_LIFETIME_S} s")

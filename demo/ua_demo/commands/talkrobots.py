@@ -16,6 +16,9 @@ from ua_demo.commands.run_messages import (
     CONSOLE_PORT,
     ConsolePort,
     NoConsole,
+    PubSubUrls,
+    WithBroker,
+    check_broker,
     report_writer,
     shown_until_ctrl_c,
     tell_how_to_connect,
@@ -65,13 +68,14 @@ def talkrobots(
     secure: Annotated[bool, typer.Option("--secure", help="Sign and encrypt PubSub, with the key service.")] = False,
     port: Annotated[int, typer.Option(help="TCP port of the OPC UA server.", min=1, max=65535)] = 4840,
     ros_master_port: Annotated[int, typer.Option(help="TCP port of the ROS master.", min=1, max=65535)] = 11311,
-    pubsub_url: Annotated[str | None, typer.Option(help="PubSub address, e.g. opc.udp://239.1.2.3:4840.")] = None,
+    pubsub_url: PubSubUrls = None,
     domain: Annotated[
         list[int] | None,
         typer.Option(help="ROS 2 domain of a robot; give three, or the next free ones are taken.", min=2, max=232),
     ] = None,
     folder: Annotated[Path | None, typer.Option(help="Folder for configuration, state and logs.")] = None,
     without_ros1: Annotated[bool, typer.Option("--without-ros1", help="Run Ridgeback in ROS 2.")] = False,
+    broker: WithBroker = False,
     no_console: NoConsole = False,
     console_port: ConsolePort = CONSOLE_PORT,
 ) -> None:
@@ -89,6 +93,7 @@ def talkrobots(
     except ImportError as error:
         raise BridgeUnavailable(f"the demonstration cannot run: {error}", extra="server") from error
     chooser: Literal["automatic", "operator"] = "automatic" if resilience is Resilience.AUTOMATIC else "operator"
+    check_broker(broker, pubsub_url)
     ends: list[DemoResult] = []
     write_report = report_writer(json_file)
 
@@ -100,11 +105,12 @@ def talkrobots(
             place,
             port=port,
             master_port=ros_master_port,
-            pubsub_url=pubsub_url,
+            pubsub_urls=pubsub_url or (),
             without_ros1=without_ros1,
             secure=secure,
             console_port=None if no_console else console_port,
             say=message,
+            with_broker=broker,
         )
         limit_s = UNATTENDED_S if once and not sys.stdin.isatty() else PATIENCE_S
         setting = make_setting(site, domains=domains, speed=speed, mode=chooser, limit_s=limit_s, say=message)

@@ -31,17 +31,19 @@ _RUN_EXAMPLES = ("ua-fleet testbed run talkrobots -e opc.tcp://server:4840/ua_fl
 _LOGIN_EXAMPLES = (
     "docker compose exec tasks ua-fleet testbed login talkrobots",
     "docker compose exec line ua-fleet testbed login pal",
+    "docker compose exec flights ua-fleet testbed login brokered",
 )
 
 
 class Name(StrEnum):
-    """The testbeds of `demo/testbed/plan.py`; a test compares them."""
+    """The testbeds of `ua_demo/testbed/plan.py`; a test compares them."""
 
     PAL = "pal"
     TALKROBOTS = "talkrobots"
+    BROKERED = "brokered"
 
 
-_Which = Annotated[Name, typer.Argument(help="Which of the two demonstrations.")]
+_Which = Annotated[Name, typer.Argument(help="Which of the demonstrations.")]
 _Folder = Annotated[Path, typer.Option(help="The volumes are folders in it, one for each process.")]
 _DEFAULT_FOLDER = Path("/var/lib/ua-fleet")
 
@@ -56,7 +58,8 @@ def prepare(testbed: _Which, folder: _Folder = _DEFAULT_FOLDER) -> None:
     """Write what the processes of a testbed need into their volumes, and end.
 
     These are fleet.yaml, the certificates by which server and bridges know each other, and the user `operator` with a
-    password. It may be run again at any time: existing files stay, and so does a file that you have edited.
+    password; for `brokered` also the MQTT broker's certificate, users and rights, and the keys of PubSub. It may be run
+    again at any time: existing files stay, and so does a file that you have edited.
     UA_FLEET_SPEED and UA_FLEET_RESILIENCE (operator or automatic) set up the demonstration.
     """
     plan, options = _plan(testbed)

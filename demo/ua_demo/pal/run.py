@@ -29,6 +29,7 @@ class _Hall:
         """Start the server, the ROS master, both bridges and the console, and wait until they are ready."""
         launch = self.launch
         await launch.prepare()
+        await launch.broker()
         if self._setting.arm_ros == 1:
             await launch.master()
         await launch.server()

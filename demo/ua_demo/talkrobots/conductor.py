@@ -1,4 +1,4 @@
-"""Has the nine tasks done and watches them, as any OPC UA client does, wherever the fleet's processes run."""
+"""Has the tasks of a scenario done and watches them, as any OPC UA client does, wherever the fleet's processes run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ua_demo.processes import DemoFailed
 from ua_demo.result import DemoResult
 from ua_demo.talkrobots.chooser import Ask, Chooser
 from ua_demo.talkrobots.costs import Costs, cost_lines
-from ua_demo.talkrobots.course import Course
+from ua_demo.talkrobots.course import TASKS, Course
 from ua_demo.talkrobots.setting import ACTORS, SCENARIO, Mode
 from ua_fleet.client import (
     DecisionTold,
@@ -46,7 +46,7 @@ class Conductor:
         *,
         speed: float,
         mode: Mode,
-        traffic: Callable[[], Iterable[Path]],
+        traffic: Callable[[], Iterable[Path]] | None,
         say: Callable[[str], None],
         ask: Ask,
         check: Callable[[], None],
@@ -55,6 +55,8 @@ class Conductor:
         runs: bool,
         patience_s: float,
         remedy: str = "",
+        scenario: str = SCENARIO,
+        tasks: int = TASKS,
     ) -> None:
         """Prepare for any number of connections.
 
@@ -62,7 +64,8 @@ class Conductor:
             config: of the fleet.
             speed: how many times faster than in the paper.
             mode: who chooses a replacement.
-            traffic: the files in which processes write down what they send.
+            traffic: the files in which processes write down what they send, which is held against the paper; None: it
+                is not.
             say: prints a line of the timeline.
             ask: has an operator choose.
             check: raises where going on makes no sense; looked at now and then.
@@ -71,7 +74,10 @@ class Conductor:
             runs: run the scenario once; otherwise wait until somebody does.
             patience_s: longest wait for the fleet to be complete.
             remedy: what people are told to do after that.
+            scenario: its name on the server.
+            tasks: how many it has.
         """
+        self._scenario, self._tasks = scenario, tasks
         self._config, self._speed, self._mode, self._traffic = config, speed, mode, traffic
         self._say, self._check = say, check
         self._started, self._finished = started, finished
@@ -137,7 +143,7 @@ class Conductor:
     async def _begin_or_go_on(self, scenarios: ScenarioClient, tasks: asyncio.TaskGroup) -> None:
         """Start the run, or take in what has become of one that was under way without us."""
         if self._course is None and self._is_to_run:
-            under_way = [run for run in await scenarios.runs() if run.scenario == SCENARIO and not run.is_over]
+            under_way = [run for run in await scenarios.runs() if run.scenario == self._scenario and not run.is_over]
             if not under_way:
                 await self._start(scenarios)
                 return
@@ -159,16 +165,16 @@ class Conductor:
                 self._chooser.choose(decision.decision_id, decision.robots, scenarios, tasks)
 
     async def _start(self, scenarios: ScenarioClient) -> None:
-        problems = await scenarios.validate(SCENARIO)
+        problems = await scenarios.validate(self._scenario)
         if problems:
-            raise DemoFailed(f"{SCENARIO}: " + "; ".join(problem.text for problem in problems))
-        self._course = self._new_course(await scenarios.run(SCENARIO))
+            raise DemoFailed(f"{self._scenario}: " + "; ".join(problem.text for problem in problems))
+        self._course = self._new_course(await scenarios.run(self._scenario))
         if self._mode == "automatic":
             self._deadline = time.monotonic() + RUN_TIMEOUT_S / self._speed
 
     def _new_course(self, run_id: str) -> Course:
         self._is_to_run = False
-        return Course(run_id, self._speed, self._units)
+        return Course(run_id, self._speed, self._units, self._tasks)
 
     # During a run.
 
@@ -215,6 +221,10 @@ class Conductor:
     # After a run.
 
     def _result(self, course: Course) -> DemoResult:
+        if self._traffic is None:
+            done = sum(row.state == "done" for row in course.rows.values())
+            lines = [f"{done} of {self._tasks} tasks were done in {course.elapsed_s:.1f} s"]
+            return DemoResult(course.report(), lines, course.problems)
         sent = read_traffic(sorted(self._traffic()))
         # Starting everything is a part of the first run, as in the paper.
         costs = Costs.of(sent, since=0.0 if self._is_first else course.started_at)

@@ -53,15 +53,17 @@ class _Fault:
 class Course:
     """Takes in what is told of one run, and of faults meanwhile."""
 
-    def __init__(self, run_id: str, speed: float, units: Mapping[str, str]) -> None:
+    def __init__(self, run_id: str, speed: float, units: Mapping[str, str], tasks: int = TASKS) -> None:
         """Begin a run.
 
         Args:
             run_id: of the server.
             speed: how many times faster than in the paper.
             units: of the criteria of rankings.
+            tasks: how many there are.
         """
         self.run_id = run_id
+        self._tasks = tasks
         self.speed = speed
         self.outcome: str | None = None
         """`done`, `failed` or `aborted`, once it has ended."""
@@ -134,12 +136,12 @@ class Course:
 
     @property
     def problems(self) -> list[str]:
-        """Why this was not nine tasks, each done once; empty where it was."""
+        """Why not all tasks were done, each once; empty where they were."""
         if self.outcome != "done":
             return [f"the run has not succeeded: {self.outcome}" + (f": {self.reason}" if self.reason else "")]
         found = [f"{task} was done {count} times" for task, count in self._times_done.items() if count != 1]
-        if len(self._times_done) != TASKS:
-            found.append(f"{len(self._times_done)} of {TASKS} tasks were done")
+        if len(self._times_done) != self._tasks:
+            found.append(f"{len(self._times_done)} of {self._tasks} tasks were done")
         return found
 
     def report(self) -> dict[str, Any]:

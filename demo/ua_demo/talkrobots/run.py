@@ -35,6 +35,7 @@ class _Hall:
         for old in self.traffic.iterdir():
             old.unlink()
         await launch.prepare()
+        await launch.broker()
         if setting.has_ros1:
             await launch.master()
         await launch.server(*self._log("server"))

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ACTORS",
+    "BELT_MM_S",
     "DOMAINS",
     "SCENARIO",
+    "TIMEOUT_S",
     "Actor",
     "Kind",
     "Mode",
@@ -35,9 +37,9 @@ Mode = Literal["automatic", "operator"]
 
 SCENARIO: Final = "nine_tasks"
 ROBOTS: Final = Path(__file__).resolve().parent / "robots"
-_TIMEOUT_S: Final = 120.0
+TIMEOUT_S: Final = 120.0
 """Of each skill, in the demonstration's seconds; the longest takes about 30."""
-_BELT_MM_S: Final = 40
+BELT_MM_S: Final = 40
 _ARM_MOVE_S: Final = 5.0
 """Of UR3, from one place to the next."""
 _GRIPPER_S: Final = 1.0
@@ -250,10 +252,10 @@ def fleet_text(
         **{f"{name}_place": json.dumps(place) if "/" in place else place for name, place in places.items()},
         ridgeback_bridge=master if is_ros1 else domain,
         ridgeback_go=_MOVE_BASE if is_ros1 else _OWN_PROGRAM,
-        belt_mm_s=round(_BELT_MM_S * speed),
+        belt_mm_s=round(BELT_MM_S * speed),
         arm_move_s=round(_ARM_MOVE_S / speed, 3),
         gripper_s=round(_GRIPPER_S / speed, 3),
-        timeout_s=_TIMEOUT_S / min(speed, 1.0),
+        timeout_s=TIMEOUT_S / min(speed, 1.0),
         mode=mode,
         limit_s=limit_s,
     )

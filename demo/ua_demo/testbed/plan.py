@@ -7,15 +7,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, cast, get_args
 
+from ua_demo.brokered import setting as brokered
 from ua_demo.console import CONSOLE, settings_text
 from ua_demo.layout import Layout
 from ua_demo.pal import setting as pal
 from ua_demo.ros_environment import ros2_environment
 from ua_demo.talkrobots import setting as talkrobots
+from ua_demo.talkrobots.course import TASKS
 from ua_demo.talkrobots.setting import ACTORS, Kind, Mode
 from ua_fleet.errors import ConfigError
 
 __all__ = [
+    "BROKER",
+    "BROKER_PORT",
     "CONSOLE_PORT",
     "CONSOLE_SETTINGS",
     "EVENTS",
@@ -32,7 +36,7 @@ __all__ = [
     "Testbed",
 ]
 
-FLEET, SERVER, OPERATOR, MODBUS = "fleet", "server", "operator", "modbus"
+FLEET, SERVER, OPERATOR, MODBUS, BROKER = "fleet", "server", "operator", "modbus", "broker"
 EVENTS, TRAFFIC = "events", "traffic"
 """Folders of volumes, beside one for each bridge. Robots see events alone; server and bridges write traffic."""
 PASSWORD = "password"  # noqa: S105 - the name of a file
@@ -43,12 +47,14 @@ IDENTITY = "ua-fleet/client"
 """In the operator's folder: where every `ua-fleet` command finds its certificate if XDG_STATE_HOME is that folder."""
 
 CONSOLE_PORT: Final = 8080
+BROKER_PORT: Final = 8883
 _OPC_UA_PORT: Final = 4840
 _MONITORING_PORT: Final = 9464
 _KEY_LIFETIME_S: Final = 600
 _ROSMASTER: Final = "http://rosmaster:11311"
 _PORTS: Final = {"drone": "4841", "conveyor": "1502", "temperature_sensor": "/tmp/thermometer"}  # noqa: S108
 """Where what does not speak ROS is found on its host. /tmp is the container's own, and empty at its start."""
+_TWO_HALLS: Final = {"belt": brokered.BELT_PORT, "quadcopter": brokered.QUADCOPTER_PORT}
 _DOMAINS: Final = {"pioneer_1": 2, "pioneer_2": 3}
 _MOBILE_DOMAIN: Final = 2
 _FIRST_VENDOR_SPACE: Final = 300
@@ -104,7 +110,7 @@ def _wrong(name: str, value: str, wanted: str) -> ConfigError:
 
 @dataclass(frozen=True, slots=True)
 class Testbed:
-    """One of the two."""
+    """One of TESTBEDS."""
 
     name: str
     fleet: str
@@ -113,12 +119,18 @@ class Testbed:
     robots: tuple[str, ...]
     """What `testbed robot` becomes."""
     ros1_address: int
-    """Last byte of the address that its ROS 1 bridge has in the network of ROS 1."""
+    """Last byte of the address that its ROS 1 bridge has in the network of ROS 1; 0 where there is none."""
     server: str
     """The server's service."""
     conductor: str
     """The conductor's service."""
-    has_modbus: bool
+    has_modbus: bool = False
+    has_broker: bool = False
+    """Whether a part of it is reached by an MQTT broker alone, so that keys come from files."""
+    scenario: str = ""
+    """What its conductor runs; empty where robots begin by themselves."""
+    tasks: int = 0
+    """Of the scenario."""
 
     @property
     def console(self) -> str:
@@ -137,13 +149,21 @@ class Testbed:
             EVENTS,
             TRAFFIC,
             *([MODBUS] if self.has_modbus else []),
+            *([BROKER] if self.has_broker else []),
         )
+
+    def environment(self, process: str) -> dict[str, str]:
+        """What the environment of a process, which is named by its folder, has for `fleet.yaml`."""
+        return {brokered.PROCESS_VARIABLE: process} if self.has_broker else {}
 
     def files(self, options: Options) -> dict[str, str]:
         """What stands in the folder of the fleet, by path."""
         layout, console = self._layout(options), {CONSOLE_SETTINGS: self._console_text()}
         if self.name == "pal":
             return {"fleet.yaml": pal.fleet_text(layout, arm_space=1, mobile_space=_MOBILE_DOMAIN), **console}
+        if self.has_broker:
+            text = brokered.fleet_text(layout, f"mqtts://{BROKER}:{BROKER_PORT}", speed=options.speed)
+            return {"fleet.yaml": text, f"scenarios/{self.scenario}.yaml": brokered.scenario_text(), **console}
         text = talkrobots.fleet_text(
             layout,
             _spaces(),
@@ -153,7 +173,7 @@ class Testbed:
             mode=options.mode,
             limit_s=LIMIT_S,
         )
-        return {"fleet.yaml": text, f"scenarios/{talkrobots.SCENARIO}.yaml": talkrobots.scenario_text(), **console}
+        return {"fleet.yaml": text, f"scenarios/{self.scenario}.yaml": talkrobots.scenario_text(), **console}
 
     def _console_text(self) -> str:
         """Of `console.yaml`: published on loopback of the host alone, so browsers need no TLS."""
@@ -184,7 +204,7 @@ class Testbed:
             interface=f"{options.network}.0/26",
             monitoring_port=_MONITORING_PORT,
             modbus_host="0.0.0.0",
-            modbus_writers=f"{options.network}.192/26, 127.0.0.1",
+            modbus_writers=f"{options.network}.192/27, 127.0.0.1",
         )
 
     def robot(self, name: str, options: Options) -> tuple[list[str], dict[str, str]]:
@@ -192,8 +212,11 @@ class Testbed:
         if self.name == "pal":
             arguments = pal.robot_arguments(name, arm_space=1, mobile_space=_MOBILE_DOMAIN, speed=options.speed)
             return arguments, {} if name in pal.IN_ARM_SPACE else ros2_environment(_MOBILE_DOMAIN, "SUBNET")
-        actor = next(actor for actor in ACTORS if actor.name == name)
         everywhere = "0.0.0.0"
+        if self.has_broker:
+            place = str(_TWO_HALLS[name])
+            return brokered.ACTORS[name].arguments(space=0, host=everywhere, place=place, speed=options.speed), {}
+        actor = next(actor for actor in ACTORS if actor.name == name)
         space = _spaces()[name]
         arguments = actor.arguments(space=space, host=everywhere, place=_PORTS.get(name, ""), speed=options.speed)
         return arguments, ros2_environment(space, "SUBNET") if actor.kind is Kind.ROS2 else {}
@@ -205,9 +228,7 @@ def _spaces() -> dict[str, int]:
 
 
 TESTBEDS: Final = {
-    "pal": Testbed(
-        "pal", "AssemblyLine", ("arm_side", "mobile_side"), pal.ROBOTS, 71, "server-pal", "line", has_modbus=False
-    ),
+    "pal": Testbed("pal", "AssemblyLine", ("arm_side", "mobile_side"), pal.ROBOTS, 71, "server-pal", "line"),
     "talkrobots": Testbed(
         "talkrobots",
         "TalkRoBots",
@@ -217,5 +238,19 @@ TESTBEDS: Final = {
         "server",
         "tasks",
         has_modbus=True,
+        scenario=talkrobots.SCENARIO,
+        tasks=TASKS,
+    ),
+    "brokered": Testbed(
+        "brokered",
+        "TwoHalls",
+        ("hall_side", "yard_side"),
+        tuple(brokered.ACTORS),
+        0,
+        "server-brokered",
+        "flights",
+        has_broker=True,
+        scenario=brokered.SCENARIO,
+        tasks=brokered.TASKS,
     ),
 }

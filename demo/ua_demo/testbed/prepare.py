@@ -16,6 +16,8 @@ from typing import Final
 from ua_demo.console import CONSOLE, introduce_console
 from ua_demo.layout import check_same_fleet
 from ua_demo.site import USER
+from ua_demo.testbed.broker import prepare_broker
+from ua_demo.testbed.key_files import prepare_keys
 from ua_demo.testbed.plan import FLEET, IDENTITY, OPERATOR, PASSWORD, SERVER, Options, Testbed
 from ua_demo.testbed.volumes import check_volume, write_unless_edited
 from ua_fleet.client import ClientIdentity
@@ -76,10 +78,14 @@ async def _prepare(testbed: Testbed, folder: Path, options: Options, say: Callab
         check_volume(folder / name, os.geteuid())
     for edited in write_unless_edited(fleet, files):
         say(f"{fleet / edited} was edited, and is kept whatever UA_FLEET_... says; remove it for a new one")
-    config = load(fleet / "fleet.yaml")
+    config = load(fleet / "fleet.yaml", {**os.environ, **testbed.environment(SERVER)})
     server = folder / SERVER
     certificate = _server_certificate(config, server, options, say)
-    for bridge in config.bridges:
+    if testbed.has_broker:
+        prepare_keys(config, folder)
+        prepare_broker(config, folder)
+    # Who has keys from files never comes to the server as a client.
+    for bridge in config.bridges if config.pubsub.keys.source == "service" else ():
         own = ClientIdentity.of_bridge(fleet / config.state_dir_of(bridge), config.fleet.name, bridge).certificate
         if not _was_revoked(server, own, f"--bridge {bridge} ", say):
             await introduce_bridge(config, fleet, bridge)

@@ -95,11 +95,12 @@ async def conduct(
                 tasks.create_task(_hear(line, GrowingFiles(folder / EVENTS, ".events"), since))
                 conductor = line
             else:
+                is_of_the_paper = testbed.name == "talkrobots"
                 conductor = talkrobots.Conductor(
                     load(folder / FLEET / "fleet.yaml"),
                     speed=options.speed,
                     mode=options.mode,
-                    traffic=lambda: (folder / TRAFFIC).glob("*.jsonl*"),
+                    traffic=(lambda: (folder / TRAFFIC).glob("*.jsonl*")) if is_of_the_paper else None,
                     say=say,
                     ask=ask,
                     check=_go_on,
@@ -107,6 +108,8 @@ async def conduct(
                     finished=finished,
                     runs=not has_run,
                     patience_s=math.inf,
+                    scenario=testbed.scenario,
+                    tasks=testbed.tasks,
                 )
             await _follow(conductor, connect, say)
 

@@ -13,8 +13,8 @@ import pytest
 
 from tests.contract.skilled import QUICK, WORK, Machine
 from tests.integration.actions.requesting import Requesting, requesting
+from tests.integration.security.fleets import fleet_of
 from tests.system import Child, Processes
-from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import all_groups
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
@@ -30,7 +30,7 @@ TIMEOUT_S = 5.0
 class Cell:
     """A machine, its bridge, and the folder of their fleet."""
 
-    def __init__(self, folder: Path, url: str, processes: Processes, security: str) -> None:
+    def __init__(self, folder: Path, url: str, processes: Processes, security: str, **pubsub: Any) -> None:
         self.folder, self._processes = folder, processes
         self.machine = Machine(folder / "machine")
         raw: dict[str, Any] = {
@@ -41,17 +41,22 @@ class Cell:
                 "keep_alive_s": 0.3,
                 "receive_timeout_s": 1.0,
                 "keys": {"source": "files"},
+                **pubsub,
             },
             "bridges": {
                 "cell": {"kind": "virtual", "space": SPACE, "status_id": 900},
                 "other": {"kind": "virtual", "space": SPACE + 1, "status_id": 901},
             },
         }
+        self.change(raw)
         (folder / "fleet.json").write_text(json.dumps(raw))
-        self.config = FleetConfig.model_validate(raw)
+        self.config = fleet_of(raw)
         keys = KeyFolder(folder / "keys")
         for group_id in all_groups(self.config):
             keys.write(KeyFile.new(group_id, SecurityPolicy.AES256_CTR, 3600.0, time.time()))
+
+    def change(self, raw: dict[str, Any]) -> None:
+        """Change what is written; for cells that differ from this one."""
 
     def bridge(self) -> Child:
         """Start the bridge, and wait until it works."""

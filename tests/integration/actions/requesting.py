@@ -13,8 +13,9 @@ from typing import Any
 import structlog
 
 from tests.outcomes import Outcomes
-from ua_fleet.config.schema import FleetConfig, PubSubSecurity
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import envelope_of, file_keys_of
+from ua_fleet.config.transports import open_transport
 from ua_fleet.counters import Counters
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.operation.skills.commands import SkillCommands
@@ -33,7 +34,10 @@ from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.storage.server_records import ServerRecords
 from ua_fleet.topics import Topic
-from ua_fleet.transport import Address, UdpTransport
+from ua_fleet.transport.base import Address, Transport
+from ua_fleet.transport.party import Brokered, Party
+from ua_fleet.transport.sealed import SealedSender
+from ua_fleet.transport.udp import UdpTransport
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire import Codec
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
@@ -76,7 +80,7 @@ class Requesting:
         self,
         config: FleetConfig,
         folder: Path,
-        transport: UdpTransport,
+        transport: Transport,
         journal: RequestorJournal,
         space: int = 0,
         envelope: Envelope | None = None,
@@ -84,6 +88,18 @@ class Requesting:
         self.counters, self.kept = Counters(), KeysKept()
         self.envelope = envelope or envelope_of(config, space, self.counters, folder)
         self.transport = transport
+        self._sender = SealedSender(self.envelope, transport, lambda: asyncio.get_running_loop().time())
+        if isinstance(transport, Brokered):
+            transport.speak_for(
+                Party(
+                    publisher_id=space,
+                    seal=self.envelope.seal,
+                    token=self.envelope.sending_token,
+                    is_secured=self.envelope.mode is not SecurityMode.NONE,
+                    names_of=lambda _writer_id: None,
+                    receive_kept=self.take_kept,
+                )
+            )
         self._subscriber = Subscriber(
             space, PubSubTiming(0.3, 1.0, 5.0), self.counters, Codec(), envelope=self.envelope
         )
@@ -114,8 +130,7 @@ class Requesting:
         return await self._outcomes.of(self.commands, execution_id)
 
     def send(self, datagram: bytes) -> None:
-        for sealed in self.envelope.seal(datagram, self._now()):
-            self.transport.send(sealed)
+        self._sender.send(datagram)
 
     def take(self, datagram: bytes, sender: Address) -> None:
         """What the transport calls; a test may put another `receive` in its place."""
@@ -123,6 +138,10 @@ class Requesting:
 
     def receive(self, datagram: bytes, sender: Address) -> None:
         self._take(self._subscriber.receive(datagram, self._now(), sender))
+
+    def take_kept(self, datagram: bytes, sender: Address) -> None:
+        """What a broker had kept."""
+        self._take(self._subscriber.receive(datagram, self._now(), sender, is_fresh=False))
 
     def _now(self) -> float:
         return asyncio.get_running_loop().time()
@@ -153,19 +172,19 @@ async def requesting(
     folder: Path,
     *,
     space: int = 0,
-    transport: UdpTransport | None = None,
+    transport: Transport | None = None,
     journal: RequestorJournal | None = None,
     envelope: Envelope | None = None,
 ) -> AsyncGenerator[Requesting]:
     """A requestor that works while the context lasts; its journal is in `folder`."""
     opened = ServerRecords(folder) if journal is None else None
-    transport = transport or UdpTransport(config.pubsub.url, "lo")
+    transport = transport or open_transport(config, folder, space=space)
     requests = journal or (opened.requests if opened is not None else _none())
     requestor = Requesting(config, folder, transport, requests, space, envelope)
     tasks = [asyncio.ensure_future(requestor.tick())]
     try:
         await transport.start(requestor.take)
-        if envelope is None and config.pubsub.security is not PubSubSecurity.NONE:
+        if envelope is None and config.pubsub.is_secured:
             source = file_keys_of(config, space, folder.parent)
             tasks.append(asyncio.ensure_future(keep_keys(requestor.envelope, source, requestor.kept, count=2)))
             await requestor.kept.wait_for(requestor.envelope.groups_wanted())

@@ -6,6 +6,7 @@ Prints `ready`, ends at SIGTERM.
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
 import signal
 import sys
@@ -15,15 +16,15 @@ import structlog
 
 from tests.contract.skilled import Machine, SkilledDriver
 from tests.contract.virtual import Bus
+from tests.integration.security.fleets import fleet_of
 from ua_fleet.bridge.runner import run_bridge
-from ua_fleet.config.schema import FleetConfig, PubSubSecurity
 from ua_fleet.config.security import file_keys_of
+from ua_fleet.config.transports import open_transports
 from ua_fleet.errors import UaFleetError
-from ua_fleet.transport.udp import UdpTransport
 
 
 async def main(path: Path, name: str, machine: Path) -> int:
-    config = FleetConfig.model_validate_json(path.read_text())
+    config = fleet_of(json.loads(path.read_text()))
     space = config.bridges[name].space
     bus = Bus()
     bus.is_up = True
@@ -32,9 +33,9 @@ async def main(path: Path, name: str, machine: Path) -> int:
             config,
             name,
             SkilledDriver(space, bus, Machine(machine)),
-            UdpTransport(config.pubsub.url, config.pubsub.interface),
+            open_transports(config, path.parent, space=space),
             state_dir=path.parent / config.state_dir_of(name),
-            keys=None if config.pubsub.security is PubSubSecurity.NONE else file_keys_of(config, space, path.parent),
+            keys=file_keys_of(config, space, path.parent) if config.pubsub.is_secured else None,
             ready=lambda: print("ready", flush=True),
         )
     )

@@ -17,7 +17,7 @@ from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.pubsub.security.nonces import MemoryNonces
 from ua_fleet.skill.executions import OutcomeKind
 from ua_fleet.topics import Topic
-from ua_fleet.transport import Address
+from ua_fleet.transport.base import Address
 from ua_fleet.values import BuiltinType, StatusCode, ticks_from_unix_ns
 from ua_fleet.wire.actions import ActionMessage, ActionState, encode_action
 from ua_fleet.wire.security import SecurityMode, SecurityPolicy

@@ -26,6 +26,7 @@ pubsub:
   url: {url}
   receive_timeout_s: 1.5
   keep_alive_s: 0.5
+history: {{}}
 bridges:
   floor: {{kind: ros2, space: 2}}
 robots:

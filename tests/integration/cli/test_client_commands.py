@@ -46,7 +46,8 @@ def test_browse_is_a_tree_and_says_what_it_leaves_out(site: Site) -> None:
     assert any(line.startswith("   ├─ goal  [Double]  ns=2;i=1003  = 0.5") for line in lines)
     assert any(line.startswith("   ├─ name  [String]  ns=2;i=1004  = ") for line in lines)
     assert any(line.startswith("   └─ pose  [Object]  ns=2;i=1006  … 2 below") for line in lines)
-    assert "2 nodes are directly below these; --depth 3 lists them" in ended.stderr
+    # The two fields of the pose, and what says how the history is kept of four Variables.
+    assert "6 nodes are directly below these; --depth 3 lists them" in ended.stderr
     whole = site.run("browse", "rover", "--depth", "5", "--json", user="olga")
     assert whole.stderr == ""
     names = [one["browse_name"] for one in whole.objects]

@@ -146,7 +146,7 @@ def test_children_end_with_one_that_is_killed(fleet: Fleet) -> None:
 def test_what_is_not_there_is_told(fleet: Fleet) -> None:
     unknown = fleet.start("up", "attic")
     assert unknown.process.wait(60) == 3
-    assert "there is no bridge 'attic'; bridges there: press, saw, old" in unknown.lines[-1]
+    assert "there is no bridge or relay 'attic'; there are: press, saw, old" in unknown.lines[-1]
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", fleet.port))
         taken.listen()

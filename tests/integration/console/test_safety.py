@@ -118,6 +118,7 @@ async def test_a_body_is_json_and_has_a_bound(console: Console) -> None:
         assert (await browser.http.post("api/hall/robots.hold", content="{}", headers=headers)).status_code == 400
         large = await browser.ask("scenario.outline", scenario="x" * 1_200_000)
         assert large.status_code == 413
+        assert (await drops(console))["too_large"] == 1
         for body in (b"\xff", b"[1]", b"{", b'{"robot": 1e999}', b"[" * 100_000):
             headers["content-type"] = "application/json"
             answer = await browser.http.post("api/hall/robots.hold", content=body, headers=headers)

@@ -107,7 +107,7 @@ class Desk:
         mode: Any = ENCRYPTED,
     ) -> Client:
         """A client, not connected: a person with `user`, else the bridge whose card it is."""
-        client: Client = AsyncuaClient(self.url, timeout=20)
+        client: Client = AsyncuaClient(self.url, timeout=60, watchdog_intervall=60)
         client.application_uri = self.cards.uri(card)
         files = self.cards.get(card)
         if policy is not None:
@@ -187,6 +187,7 @@ async def desk(
             limits=EndpointLimits(tick_s=0.02),
             users=UserStore(state_dir / "users.yaml", CHEAP),
             bridges={bridge_application_uri(config.fleet.name, name): name for name in config.bridges},
+            pushed_keys=config.pubsub.keys.pushed_by is not None,
         )
     if policies is not None:
         server.set_security_policy(policies)

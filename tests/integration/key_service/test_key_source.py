@@ -46,7 +46,7 @@ async def test_groups_that_it_does_not_get(running: Desk, cards: Cards, tmp_path
     async with ServiceKeySource(running.url, cards.identity("arm", tmp_path), "arm") as source:
         with pytest.raises(KeysRefused, match=r"no keys of c-300: bridge arm may not have them; see `requestors`"):
             await source.fetch("c-300", 0, 5)
-        with pytest.raises(KeysRefused, match=r"no keys of t-9: .* has no such group"):
+        with pytest.raises(KeysRefused, match=r"no keys of t-9: .* has no keys of such a group"):
             await source.fetch("t-9", 0, 5)
         assert (await source.fetch("t-0", 0, 1)).keys
 

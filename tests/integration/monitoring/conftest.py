@@ -36,6 +36,7 @@ bridges:
     space: 300
     status_id: 1
     interpreter: {{connect: "127.0.0.1:{robot}", framing: acknowledged}}
+history: {{}}
 robots:
   machine:
     bridge: cell

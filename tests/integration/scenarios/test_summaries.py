@@ -53,7 +53,13 @@ async def test_a_task_of_a_run_is_told_with_its_run_also_after_a_restart(plant: 
             await stands(client, name, IDLE, "")
 
 
+def heard_for_longer(fleet: dict[str, Any]) -> None:
+    """A Start is refused while the robot is not heard, which a busy machine brings about within 0.8 s."""
+    fleet["pubsub"]["receive_timeout_s"] = 3.0
+
+
 async def test_a_skill_that_a_person_has_started_is_told_and_a_bridge_that_dies(plant: Plant) -> None:
+    plant.declare(heard_for_longer)
     bridge = plant.bridge("left")
     async with plant.server() as server, server.client(OPERATOR) as client:
         await stands(client, "left", IDLE, "")

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from tests.integration.peer import Peer
+from tests.integration.security.fleets import fleet_of
 from tests.system import Child, Processes, clean_environment, free_tcp_port
-from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import all_groups
 from ua_fleet.keys.files import FileKeySource
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
@@ -42,7 +42,7 @@ class Site:
 
     def write_fleet(self, name: str = "fleet.json", **pubsub: Any) -> Path:
         """Write the fleet, with changes to `pubsub`, and take it for the one from now on."""
-        raw = {
+        raw: dict[str, Any] = {
             "version": 1,
             "pubsub": {
                 "security": "sign_and_encrypt",
@@ -62,10 +62,14 @@ class Site:
             },
             "server": {"port": self.port, "trust_all_clients": True, "unknown_sources": "create"},
         }
+        self.change(raw)
         path = self.folder / name
         path.write_text(json.dumps(raw))
-        self.config = FleetConfig.model_validate(raw)
+        self.config = fleet_of(raw)
         return path
+
+    def change(self, raw: dict[str, Any]) -> None:
+        """Change what is written; for sites that differ from this one."""
 
     def bridge(
         self, name: str, *, fleet: str = "fleet.json", wait: bool = True, python: str | Path = sys.executable

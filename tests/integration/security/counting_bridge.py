@@ -17,13 +17,13 @@ from pathlib import Path
 
 import structlog
 
+from tests.integration.security.fleets import fleet_of
 from ua_fleet.bridge import Driver, DriverStatus, Inlet, SampleRead, SourceFound, run_bridge
 from ua_fleet.cli.key_source import key_source_of
-from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.transports import open_transports
 from ua_fleet.errors import UaFleetError
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
-from ua_fleet.transport.udp import UdpTransport
 from ua_fleet.values import BuiltinType
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
@@ -67,18 +67,15 @@ class CountingDriver(Driver):
 
 
 async def main(path: Path, name: str) -> int:
-    config = FleetConfig.model_validate(json.loads(path.read_text()))
-    pubsub = config.pubsub
-    transport = UdpTransport(
-        pubsub.url, pubsub.interface, ttl=pubsub.ttl, receive_buffer_bytes=pubsub.receive_buffer_bytes
-    )
+    config = fleet_of(json.loads(path.read_text()))
+    transports = open_transports(config, path.parent, space=config.bridges[name].space)
     state_dir = path.parent / config.state_dir_of(name)
 
     async def bridged() -> None:
         async with key_source_of(config, name, path.parent, state_dir) as keys:
             driver = CountingDriver(config.bridges[name].space)
             ready = partial(print, "ready", flush=True)
-            await run_bridge(config, name, driver, transport, state_dir=state_dir, keys=keys, ready=ready)
+            await run_bridge(config, name, driver, transports, state_dir=state_dir, keys=keys, ready=ready)
 
     running = asyncio.ensure_future(bridged())
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, running.cancel)

@@ -61,7 +61,13 @@ ROBOTS: Final[Mapping[str, Any]] = {
 
 
 def fleet_config(
-    url: str, port: int, *, robots: Mapping[str, Any] = ROBOTS, namespaces: Sequence[str] = (), **server: Any
+    url: str,
+    port: int,
+    *,
+    robots: Mapping[str, Any] = ROBOTS,
+    namespaces: Sequence[str] = (),
+    history: Mapping[str, Any] | None = None,
+    **server: Any,
 ) -> FleetConfig:
     """A fleet with one robot that has a source of each kind, and short times."""
     raw = {
@@ -71,6 +77,7 @@ def fleet_config(
         "pubsub": {"security": "none", "url": url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8},
         "bridges": {"mobile_side": {"kind": "ros2", "space": SPACE, "status_id": STATUS.id}},
         "robots": robots,
+        **({} if history is None else {"history": history}),
     }
     return load_content(json.dumps(raw).encode(), "fleet.json", {}, allow_missing_ids=True)
 
@@ -91,7 +98,7 @@ class Running:
 @asynccontextmanager
 async def connected(url: str, folder: Path, user: tuple[str, str]) -> AsyncGenerator[Client]:
     """An encrypted session of a user; the client's certificate is kept in `folder`."""
-    client = Client(url, timeout=20)
+    client = Client(url, timeout=60, watchdog_intervall=60)
     client.application_uri = CLIENT_URI
     files = CertificateFiles(folder / "client.der", folder / "client.pem")
     if not files.certificate.exists():

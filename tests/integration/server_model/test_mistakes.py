@@ -53,7 +53,7 @@ def always(*_: Any) -> bool:
     return True
 
 
-def is_broken_datagram(own: Any, datagram: bytes, *_: Any) -> bool:
+def is_broken_datagram(own: Any, datagram: bytes, *_: Any, **__: Any) -> bool:
     return is_servers(own) and b"broken" in datagram
 
 

@@ -84,4 +84,4 @@ async def test_a_value_passes_few_functions_and_waits_in_the_inlet_and_in_the_su
             bridge.cancel()
             await asyncio.wait([bridge])
     assert {place: way[0] for place, way in walk.ways.items()} == PLACES
-    assert 1 + len(walk.functions) <= MOST, walk.functions  # the driver's callback is one
+    assert 1 + len(walk.functions) <= MOST, "\n".join(walk.functions)  # the driver's callback is one

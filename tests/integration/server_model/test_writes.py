@@ -90,6 +90,20 @@ async def test_both_fields_of_one_request_are_published_once(udp_url: str, tcp_p
         assert peer.good(VELOCITY)[-1] == (0.2, 0.2)
 
 
+async def test_fields_of_one_request_are_published_once_also_where_it_takes_several_turns(
+    udp_url: str, tcp_port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first was published alone, and the second was refused then, since its time was that of the publication."""
+    async with serving(tmp_path, fleet_config(udp_url, tcp_port)) as running, running.client() as client:
+        peer = running.peer
+        monkeypatch.setattr("ua_fleet.endpoint.turns.TURN_S", -1.0)  # a turn for each operation
+        same = valued(SourceTimestamp=datetime.now(UTC))
+        fields = ("ns=2;s=1003.linear.x", same), ("ns=2;s=1003.angular.z", same)
+        assert await write(client, *fields) == ["Good", "Good"]
+        await peer.until(lambda: peer.good(VELOCITY))
+        assert peer.good(VELOCITY) == [(0.5, 0.5)]
+
+
 async def test_a_field_that_was_never_written_is_bad_in_the_publication(
     udp_url: str, tcp_port: int, tmp_path: Path
 ) -> None:

@@ -246,7 +246,7 @@ class Door:
         password: str | None = None,
     ) -> Client:
         """A client, not connected."""
-        client: Client = AsyncuaClient(self.url, timeout=20)
+        client: Client = AsyncuaClient(self.url, timeout=60, watchdog_intervall=60)
         client.application_uri = uri
         client.session_timeout = 60_000
         if user is not None:
@@ -308,7 +308,7 @@ class Stock:
 
     def client(self, user: str = "") -> Client:
         """A client, not connected."""
-        client: Client = AsyncuaClient(self.url, timeout=20)
+        client: Client = AsyncuaClient(self.url, timeout=60, watchdog_intervall=60)
         if user:
             client.set_user(user)
             client.set_password("anything")

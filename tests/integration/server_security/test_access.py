@@ -150,6 +150,9 @@ class Gate:
     def written(self, node_id: Any, value: Any, user: User) -> None:
         self.wrote.append((value.Value.Value, user.name))
 
+    def request_done(self) -> None:
+        pass
+
 
 @pytest.fixture
 def gate(hardened: Door) -> Iterator[Gate]:

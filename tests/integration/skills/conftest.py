@@ -27,13 +27,13 @@ _RESULTS: Final = {"done": {"type": "String"}, "seconds": {"type": "Double", "un
 class Hall:
     """The folder of a fleet with one machine."""
 
-    def __init__(self, folder: Path, url: str, port: int, processes: Processes) -> None:
+    def __init__(self, folder: Path, url: str, port: int, processes: Processes, **pubsub: Any) -> None:
         self.folder, self._processes = folder, processes
         self.machine = Machine(folder / "machine")
         raw: dict[str, Any] = {
             "version": 1,
             "server": {"port": port, "trust_all_clients": True},
-            "pubsub": {"security": "none", "url": url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8},
+            "pubsub": {"security": "none", "url": url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8, **pubsub},
             "bridges": {"cell": {"kind": "virtual", "space": SPACE, "status_id": 900}},
             "robots": {
                 "machine": {
@@ -56,7 +56,7 @@ class Hall:
                             "results": _RESULTS,
                             "timeout_s": 5,
                             "immediate": True,
-                            "limits": {"least_interval_s": 0.5},
+                            "limits": {"least_interval_s": 30},
                         },
                     },
                 }

@@ -194,7 +194,7 @@ async def test_a_skill_is_halted_where_the_robot_can_stop(hall: Hall) -> None:
             return events.of(execution)
 
         await until(transitions, lambda seen: seen == ["ReadyToRunning", "RunningToHalted"])
-        await started(client, WORK, "weld", 0.8)
+        await started(client, WORK, "weld", 3.0)
         assert (await call(client, WORK, method="Halt")).StatusCode.is_good()
         await until(state, lambda value: value.Value.Value.Text == "Ready")
     assert [job.work for job in hall.machine.told()] == [ENDLESS_WORK, "weld"]

@@ -41,4 +41,4 @@ async def test_an_argument_passes_few_functions_and_waits_nowhere(hall: Hall) ->
         bridge.cancel()
         await asyncio.wait([bridge])
     assert {place: way[0] for place, way in walk.ways.items()} == PLACES
-    assert len(walk.functions) <= MOST, walk.functions
+    assert len(walk.functions) <= MOST, "\n".join(walk.functions)

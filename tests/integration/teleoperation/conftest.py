@@ -78,12 +78,23 @@ class Hall:
         self._url, self._processes, self._master = url, processes, master
         self.robot: system.Child
         self.bridge: system.Child
+        self._robot_timeout_s = ROBOT_TIMEOUT_S
 
     def fleet(
-        self, *, server: Mapping[str, Any] | None = None, deadman_s: float = DEADMAN_S, **pubsub: Any
+        self,
+        *,
+        server: Mapping[str, Any] | None = None,
+        deadman_s: float = DEADMAN_S,
+        robot_timeout_s: float = ROBOT_TIMEOUT_S,
+        **pubsub: Any,
     ) -> FleetConfig:
-        """Write the fleet's file, and keys where it has some."""
-        teleoperation = {**CARRIER["teleoperation"], "deadman_ms": round(deadman_s * 1000)}
+        """Write the fleet's file, and keys where it has some; before the robot starts, whose own watch this is, too."""
+        self._robot_timeout_s = robot_timeout_s
+        teleoperation = {
+            **CARRIER["teleoperation"],
+            "deadman_ms": round(deadman_s * 1000),
+            "robot_timeout_ms": round(robot_timeout_s * 1000),
+        }
         bridge: dict[str, Any] = {"kind": self.kind, "space": self.space, "status_id": 1001}
         if self._master is not None:
             bridge["master_uri"] = self._master.uri
@@ -107,13 +118,19 @@ class Hall:
         """Start the robot."""
         if self._master is not None:
             env = self._master.env | {"PYTHONPATH": "bridges"}
-            command = [str(system.ROS1_PYTHON), "-u", str(NODES / "carrier_ros1.py"), str(ROBOT_TIMEOUT_S)]
+            command = [str(system.ROS1_PYTHON), "-u", str(NODES / "carrier_ros1.py"), str(self._robot_timeout_s)]
         else:
             env = system.clean_environment(
                 ROS_DOMAIN_ID=str(self.space), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", PYTHONPATH="bridges"
             )
             env[PROFILES_VARIABLE] = str(profile_path("robot"))
-            command = [sys.executable, "-u", str(NODES / "carrier_ros2.py"), str(self.space), str(ROBOT_TIMEOUT_S)]
+            command = [
+                sys.executable,
+                "-u",
+                str(NODES / "carrier_ros2.py"),
+                str(self.space),
+                str(self._robot_timeout_s),
+            ]
         self.robot = self._processes.start(*command, env=env)
         self.robot.wait_for("ready")
         return self.robot

@@ -26,7 +26,7 @@ from ua_fleet.topics import Topic
 
 def only(folder: Path, robot: str, domain: int, url: str) -> FleetConfig:
     """The fleet of the nine tasks, without all but one robot."""
-    site = Site(folder, 4840, url, "secret", 11311, None, "as asked", False)
+    site = Site(folder, 4840, (url,), "secret", 11311, None, "as asked", False)
     make_setting(site, domains=range(21, 24), speed=1.0, mode="operator", say=lambda _line: None)
     raw: dict[str, Any] = yaml.safe_load(site.config_file.read_text(encoding="utf-8"))
     bridge = raw["robots"][robot]["bridge"]

@@ -29,7 +29,7 @@ from tests.integration.teleoperation.served import (
 from ua_fleet.client import ClientIdentity, FleetClient, issue_session_key, revoke_session_key
 from ua_fleet.endpoint.audit.log import LOG_FILE
 from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
-from ua_fleet.server.teleoperation import service
+from ua_fleet.server import asked_actions
 
 OTHER = ("otto", "operate-2")
 
@@ -210,7 +210,7 @@ async def test_whose_session_key_is_revoked_loses_the_robot(made: Floor) -> None
 async def test_who_has_gone_before_the_bridge_answers_gets_nothing(
     made: Floor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(service, "ANSWER_S", 15.0)  # until the bridge is there again
+    monkeypatch.setattr(asked_actions, "ANSWER_S", 15.0)  # until the bridge is there again
     await made.end_bridge()
     async with made.running.client(OBSERVER) as onlooker:
         async with connected(made.running.url, made.running.folder, OPERATOR) as client:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import fcntl
 import os
 import re
 import socket
 import struct
 import subprocess
+import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator, Awaitable, Callable, Generator, Iterator
+from contextlib import AsyncExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +22,10 @@ from structlog.testing import capture_logs
 
 from tests import system
 from ua_fleet.errors import TransportError
-from ua_fleet.transport import Address, UdpTransport, parse_url
+from ua_fleet.transport.addresses import parse_url
+from ua_fleet.transport.base import Address
 from ua_fleet.transport.interfaces import find_interface, list_interfaces
+from ua_fleet.transport.udp import UdpTransport
 from ua_fleet.wire.actions import ActionMessage, ActionState, encode_action
 
 
@@ -216,7 +220,7 @@ async def test_a_host_name_is_looked_up(start: Start) -> None:
     one = await start(f"opc.udp://localhost:{port}")
     one.transport.send(b"to myself")
     assert await one.until(1) == [b"to myself"]
-    with pytest.raises(TransportError, match="no IPv4 address and no known host name"):
+    with pytest.raises(TransportError, match="no IP address and no known host name"):
         await start(f"opc.udp://nobody.invalid:{port}")
 
 
@@ -414,22 +418,31 @@ def ip(*arguments: str) -> None:
     subprocess.run(["ip", *arguments], check=True, capture_output=True)
 
 
+@contextmanager
+def alone() -> Generator[None]:
+    """Wait until no other process has a cable: tests look for interfaces by their addresses, which all cables share."""
+    with (Path(tempfile.gettempdir()) / f"ua_fleet-cable-{os.getuid()}").open("w") as one:
+        fcntl.flock(one, fcntl.LOCK_EX)
+        yield
+
+
 @pytest.fixture
 def cable() -> Iterator[str]:
     """One end of a virtual cable of this test's own, named after its process."""
     name = f"uaf{os.getpid() % 1_000_000}"
-    for _, other in socket.if_nameindex():  # of tests that were killed
-        if (dead := re.fullmatch(r"uaf(\d+)", other)) and not Path(f"/proc/{dead[1]}").exists():
-            subprocess.run(["ip", "link", "del", other], check=False, capture_output=True)
-    try:
-        ip("link", "add", name, "type", "veth", "peer", "name", f"{name}p")
-    except (OSError, subprocess.CalledProcessError) as error:
-        pytest.skip(f"cannot make a network interface: {error}")
-    try:
-        bring_up(name, "198.18.7.1")
-        yield name
-    finally:
-        subprocess.run(["ip", "link", "del", name], check=False, capture_output=True)
+    with alone():
+        for _, other in socket.if_nameindex():  # of tests that were killed
+            if (dead := re.fullmatch(r"uaf(\d+)", other)) and not Path(f"/proc/{dead[1]}").exists():
+                subprocess.run(["ip", "link", "del", other], check=False, capture_output=True)
+        try:
+            ip("link", "add", name, "type", "veth", "peer", "name", f"{name}p")
+        except (OSError, subprocess.CalledProcessError) as error:
+            pytest.skip(f"cannot make a network interface: {error}")
+        try:
+            bring_up(name, "198.18.7.1")
+            yield name
+        finally:
+            subprocess.run(["ip", "link", "del", name], check=False, capture_output=True)
 
 
 def bring_up(name: str, address: str) -> None:

@@ -132,7 +132,12 @@ class Started:
         return await self.end(self.begin(name, *values))
 
     async def moves(self, execution: Execution) -> None:
-        await until(lambda: [fact for fact in self.facts(execution) if fact.progress > 0.02], "the move")
+        def begun() -> list[Any]:
+            over = [fact for fact in self.facts(execution) if not isinstance(fact, ExecutionProgressed)]
+            assert not over, over
+            return [fact for fact in self.facts(execution) if fact.progress > 0.02]
+
+        await until(begun, "the move")
 
     def fault(self) -> str:
         samples = self.recorder.samples(FAULT)

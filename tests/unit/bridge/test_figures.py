@@ -35,6 +35,11 @@ class Parts:
     stats = TransportStats()
     problem = ""
     waits_s = 0.0
+    is_secured = False
+
+    @property
+    def envelopes(self) -> Parts:
+        return self
 
     def oldest_s(self) -> float:
         return self.waits_s
@@ -63,7 +68,6 @@ class Scene:
             Driver(),  # type: ignore[arg-type]
             Parts(),  # type: ignore[arg-type]
             self.inlet,
-            Parts(),  # type: ignore[arg-type]
             KeysKept(),
             self.lag,
             self.sender,  # type: ignore[arg-type]

@@ -1,10 +1,15 @@
 from __future__ import annotations
 
+from pathlib import Path
+
+import ua_fleet
 from ua_fleet.bridge import STATUS_FIELDS, DriverStatus, status_topic, status_values
 from ua_fleet.bridge.status import aside_text
 from ua_fleet.config.schema import BridgeConfig, FleetConfig, PubSubConfig, PubSubSecurity
-from ua_fleet.counters import Counters, Drop
+from ua_fleet.counters import OF_BRIDGES, Counters, Drop
 from ua_fleet.fleet.model import BRIDGE_FIELDS, drop_field
+from ua_fleet.pubsub.components import writer_group
+from ua_fleet.pubsub.group_figures import FIGURES_FIELD, GroupFigures, unpacked
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType
 
@@ -13,22 +18,32 @@ CONFIG = FleetConfig(version=1, pubsub=PubSubConfig(security=PubSubSecurity.NONE
 
 def test_every_drop_has_its_field_and_its_value() -> None:
     counters = Counters(messages_in=1, messages_out=2, from_space=3, to_space=4, gaps=5, looped=6)
-    for number, drop in enumerate(Drop):
+    for number, drop in enumerate(OF_BRIDGES):
         counters.drop(drop, 10 + number)
-    values = status_values("arm", "ros1", DriverStatus(True, "up"), counters, lag_p99_s=0.0123, oldest_s=1.5)
+    values = status_values(
+        "arm", "ros1", DriverStatus(True, "up"), counters, lag_p99_s=0.0123, oldest_s=1.5, figures=[GroupFigures(2, 7)]
+    )
     fields = dict(zip((field.name for field in STATUS_FIELDS), values, strict=True))
     assert list(fields.values())[:10] == ["arm", "ros1", True, "up", 1, 2, 3, 4, 5, 6]
     assert (fields["LagP99"], fields["OldestWaiting"]) == (12.3, 1500.0)
-    assert {name: fields[f"Drops.{name}"] for name in Drop} == dict(counters.drops)
+    assert {name: fields[f"Drops.{name}"] for name in OF_BRIDGES} == dict(counters.drops)
+    assert unpacked(fields[FIGURES_FIELD]) == {writer_group(2): GroupFigures(2, 7)}
+
+
+def test_only_what_a_relay_alone_counts_has_no_field() -> None:
+    assert set(Drop) - set(OF_BRIDGES) == {Drop.NOT_RELAYED, Drop.NOT_LISTED}
+    package = Path(ua_fleet.__file__).parent
+    counting = {path.parent.name for path in package.rglob("*.py") if "Drop.NOT_LISTED" in path.read_text()}
+    assert counting == {"ua_fleet", "relay"}
 
 
 def test_all_counters_are_uint64() -> None:
-    assert {field.builtin_type for field in STATUS_FIELDS[4:-2]} == {BuiltinType.UINT64}
+    assert {field.builtin_type for field in STATUS_FIELDS[4:-3]} == {BuiltinType.UINT64}
 
 
 def test_fields_are_those_that_the_server_shows() -> None:
     wanted = {(name, int(kind)) for name, kind in BRIDGE_FIELDS}
-    wanted |= {(drop_field(drop.value), int(BuiltinType.UINT64)) for drop in Drop}
+    wanted |= {(drop_field(drop.value), int(BuiltinType.UINT64)) for drop in OF_BRIDGES}
     published = {(field.name, field.builtin_type) for field in STATUS_FIELDS}
     assert wanted <= published
 

@@ -153,7 +153,7 @@ def test_what_is_no_group(invoke: Invoke, folder: KeyFolder, command: str, group
     ended = invoke("keys", command, "--", group)
     assert ended.code == 2
     assert ended.stderr.endswith(
-        f"{group!r} is no SecurityGroup; name one like t-2 (data of space 2) or c-2 (commands)\n"
+        f"{group!r} is no SecurityGroup; name one like t-2 (data of space 2), c-2 (its commands) or r-gate (a relay)\n"
     )
 
 

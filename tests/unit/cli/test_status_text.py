@@ -16,6 +16,7 @@ from ua_fleet.client import (
     BridgeStatus,
     FaultStatus,
     FleetStatus,
+    NamespaceStatus,
     OpenDecision,
     RobotStatus,
     RunStatus,
@@ -160,6 +161,23 @@ def test_no_line_is_wider_than_the_terminal_and_nothing_reaches_it_that_it_obeys
     assert max(map(width_of, lines)) <= 100
     assert not any("\x1b" in line for line in lines)
     assert any("\x1b[31m" in line for line in shown(status, colours=True))
+
+
+def test_the_unified_namespace_where_there_is_one() -> None:
+    namespace = NamespaceStatus(True, "mqtts://broker:8883", 1200, 34567, {"broker_away": 5, "rate_limited": 9})
+    lines = shown(changed(namespace=namespace))
+    assert problems_of(changed(namespace=namespace), NOON) == []
+    assert "Unified Namespace  mqtts://broker:8883  1,200 topics, 34,567 messages published" in lines
+    (drop,) = [line for line in lines if "broker_away" in line]
+    assert drop.endswith("Unified Namespace 5")
+    assert "  as it should be: rate_limited 9, repeated 7, loop 3" in lines
+    away = changed(namespace=replace(namespace, connected=False, detail="mqtt://b: \x1b[2J no route"))
+    assert [one.text for one in problems_of(away, NOON)] == [
+        "the Unified Namespace is not published: mqtt://b: \x1b[2J no route"
+    ]
+    assert "Unified Namespace  not connected  1,200 topics, 34,567 messages published" in shown(away)
+    assert not any("\x1b" in line for line in shown(away))
+    assert status_json(away, [])["namespace"]["published"] == 34567
 
 
 def test_each_cause_of_a_drop_has_a_meaning() -> None:

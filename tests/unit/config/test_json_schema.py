@@ -127,6 +127,8 @@ RIGHT = [
     TCP % "direct: {connect: '10.0.0.7:30002'}",
     TCP % "interpreter: {listen: '0.0.0.0:4000', peer: 10.0.0.7}",
     HEAD + "modbus: {commands: {go: {code: 1, scenario: shift}}}\n",
+    HEAD + "history: {days: 7, megabytes: 50, record: false}\n",
+    DATA % "type: Double, history: {deadband: 0.5}" + "history:\n",
 ]
 WRONG = [
     "pubsub: {security: none}\n",

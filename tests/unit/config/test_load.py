@@ -43,8 +43,11 @@ def accepted(folder: Path, text: str, environment: Mapping[str, str] | None = No
 
 
 KINDS = ", ".join([f"`{name}`" for name in sorted(entry_points(group="ua_fleet.bridges").names)])
-SECURITIES = "`none`, `sign`, `sign_and_encrypt`"
+SECURITIES = "`none`, `sign`, `sign_and_encrypt`, `broker`"
 NO_SECURITY = f"`security` is missing; add `security: sign_and_encrypt`; allowed: {SECURITIES}"
+PUSHED_BY = (
+    "F:4:pubsub.keys.pushed_by: goes with `source: pushed`, which needs it; name a user that `ua-fleet user add` made"
+)
 SECURED = "version: 1\npubsub:\n  security: sign_and_encrypt\n"
 
 BAD: list[tuple[str, str, list[str]]] = [
@@ -154,7 +157,7 @@ BAD: list[tuple[str, str, list[str]]] = [
     (
         "source of keys",
         SECURED + "  keys: {source: file}\n",
-        ["F:4:pubsub.keys.source: `file` is not allowed; did you mean `files`? allowed: `service`, `files`"],
+        ["F:4:pubsub.keys.source: `file` is not allowed; did you mean `files`? allowed: `service`, `files`, `pushed`"],
     ),
     (
         "policy of keys",
@@ -167,6 +170,16 @@ BAD: list[tuple[str, str, list[str]]] = [
         "a key service for key files",
         SECURED + '  keys: {source: files, endpoint: "opc.tcp://a:1"}\n',
         ["F:4:pubsub.keys.endpoint: key files come from no service; remove it, or write `source: service`"],
+    ),
+    (
+        "pushed keys without a user",
+        SECURED + "  keys: {source: pushed}\n",
+        [PUSHED_BY],
+    ),
+    (
+        "a user without pushed keys",
+        SECURED + "  keys: {pushed_by: sks}\n",
+        [PUSHED_BY],
     ),
     (
         "keys too short-lived",
@@ -228,7 +241,8 @@ BAD: list[tuple[str, str, list[str]]] = [
         [
             (
                 "F:4:bridges.a.master_uri: unknown key `master_uri`; known keys: "
-                "`kind`, `space`, `status_id`, `description`, `state_dir`, `requestors`, `monitoring_port`, "
+                "`kind`, `space`, `status_id`, `description`, `publisher_id`, `publisher_id_type`, `state_dir`, "
+                "`connections`, `requestors`, `monitoring_port`, "
                 "`node_name`, `discovery`"
             )
         ],
@@ -621,8 +635,8 @@ ENVIRONMENT: list[tuple[str, str, str]] = [
         "1",
         (
             "environment:UA_FLEET__: there is no key `` in the file; "
-            "there are: `bridges`, `fleet`, `modbus`, `monitoring`, `pubsub`, `resilience`, `robots`, `scenarios`, "
-            "`server`, `sources`, `version`"
+            "there are: `bridges`, `fleet`, `history`, `modbus`, `monitoring`, `pubsub`, `relays`, `resilience`, "
+            "`robots`, `scenarios`, `server`, `sources`, `unified_namespace`, `version`"
         ),
     ),
     (

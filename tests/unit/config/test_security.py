@@ -67,11 +67,11 @@ def test_what_weakens_security_is_said(pubsub: dict[str, Any], said: list[str]) 
 
 def test_secured_messages_need_a_source_of_keys(tmp_path: Path) -> None:
     source = FileKeySource(tmp_path, SecurityPolicy.AES256_CTR)
-    assert keys_needed(CONFIG, source) is source
-    assert keys_needed(with_pubsub(security="none"), source) is None
-    assert keys_needed(with_pubsub(security="none"), None) is None
+    assert keys_needed(CONFIG, 0, source) is source
+    assert keys_needed(with_pubsub(security="none"), 0, source) is None
+    assert keys_needed(with_pubsub(security="none"), 0, None) is None
     with pytest.raises(ConfigError) as caught:
-        keys_needed(with_pubsub(security="sign"), None)
+        keys_needed(with_pubsub(security="sign"), 0, None)
     assert str(caught.value) == (
         "pubsub.keys: messages are to be secured (sign), and no key source is configured; name one, or accept "
         "unsecured messages with `security: none`"

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
 import socket
 from pathlib import Path
 
 import pytest
+from ua_demo.commands.run_messages import check_broker
+from ua_demo.pal.setting import fleet_text
+from ua_demo.processes import DemoFailed
 from ua_demo.site import Site, choose_site
 
+from ua_fleet.cli.endings import UsageError
 from ua_fleet.console import page
 
 PAGE_MISSING = page.page_missing
@@ -23,7 +28,7 @@ def chosen(folder: Path, console_port: int | None) -> tuple[Site, list[str]]:
         folder,
         port=port,
         master_port=port,
-        pubsub_url="opc.udp://239.1.2.3:4840",
+        pubsub_urls=["opc.udp://239.1.2.3:4840"],
         without_ros1=True,
         secure=False,
         console_port=console_port,
@@ -61,3 +66,36 @@ def test_nothing_is_said_of_a_console_that_nobody_wants(built: Path) -> None:
     built.unlink()
     site, said = chosen(built.parent, None)
     assert (site.console_url, said) == ("", [])
+
+
+def test_a_broker_s_address_is_that_of_pubsub(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as somebody:
+        site = choose_site(
+            tmp_path,
+            port=somebody.getsockname()[1],
+            master_port=11311,
+            pubsub_urls=[],
+            without_ros1=True,
+            secure=False,
+            console_port=None,
+            say=lambda _: None,
+            with_broker=True,
+        )
+    assert site.broker_port is not None
+    assert site.pubsub_urls == (f"mqtt://127.0.0.1:{site.broker_port}",)
+    assert f"url: {site.pubsub_urls[0]}\n" in fleet_text(site.layout("pal"), arm_space=3, mobile_space=2)
+
+
+def test_a_broker_and_another_address_exclude_each_other() -> None:
+    with pytest.raises(UsageError, match="leave out --pubsub-url"):
+        check_broker(True, ["opc.udp://239.1.2.3:4840"])
+
+
+def nowhere(_program: str, path: str | None = None) -> str | None:
+    return None
+
+
+def test_without_mosquitto_a_line_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", nowhere)
+    with pytest.raises(DemoFailed, match=r"apt-get install mosquitto, or name a broker that runs"):
+        check_broker(True, None)

@@ -20,7 +20,7 @@ from ua_fleet.errors import ConfigError
 
 def site(folder: Path, *, ros1: bool, secure: bool = False) -> Site:
     python = Path("/usr/bin/python3") if ros1 else None
-    return Site(folder, 4840, "opc.udp://224.0.2.14:4840", "secret", 11311, python, "as asked", secure)
+    return Site(folder, 4840, ("opc.udp://224.0.2.14:4840",), "secret", 11311, python, "as asked", secure)
 
 
 def made(folder: Path, *, ros1: bool, secure: bool = False, speed: float = 1.0) -> tuple[Setting, FleetConfig]:

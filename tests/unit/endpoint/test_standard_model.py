@@ -12,7 +12,7 @@ from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.stack import AttributeIds, ObjectIds, ns0
 from ua_fleet.endpoint.standard_model import (
     close_declarations,
-    fill_key_service,
+    fill_pubsub,
     fill_standard_nodes,
     remove_unsupported,
 )
@@ -27,8 +27,7 @@ async def _space(*, key_service: bool) -> Any:
     space = server.iserver.aspace
     remove_unsupported(space, key_service=key_service)
     fill_standard_nodes(space, EndpointLimits(), [POLICY])
-    if key_service:
-        fill_key_service(space)
+    fill_pubsub(space, key_service=key_service)
     close_declarations(space)
     return space
 
@@ -39,7 +38,9 @@ async def test_no_node_refers_to_one_that_has_left(key_service: bool) -> None:
     assert ns0(ObjectIds.Aliases) not in space
     assert ns0(ObjectIds.Server_ServerCapabilities_RoleSet_AddRole) not in space
     assert (ns0(ObjectIds.PublishSubscribe_GetSecurityKeys) in space) is key_service
-    assert (ns0(ObjectIds.PublishSubscribe_Status_State) in space) is key_service
+    assert (ns0(ObjectIds.PublishSubscribe_SecurityGroups) in space) is key_service
+    assert ns0(ObjectIds.PublishSubscribe_Status_State) in space
+    assert ns0(ObjectIds.PublishSubscribe_Status_Enable) not in space
     assert ns0(ObjectIds.PublishSubscribe_AddConnection) not in space
     dangling = [
         (node_id.to_string(), reference.NodeId.to_string())

@@ -53,6 +53,20 @@ def test_nodes_do_not_hold_each_other_back() -> None:
     assert [one.key for one in coalescer.poll(0.1)] == keys
 
 
+def test_of_many_that_are_due_some_come_at_once_and_the_others_with_the_next_calls() -> None:
+    coalescer = Coalescer(10)
+    keys = [NodeId(2, number) for number in range(5)]
+    for key in keys:
+        coalescer.offer(change(0, key=key), 0.0)
+        coalescer.offer(change(1, key=key), 0.0)
+    assert [one.key for one in coalescer.poll(0.1, 2)] == keys[:2]
+    assert coalescer.next_deadline() == 0.1
+    assert coalescer.offer(change(2, key=keys[4]), 0.1) is None
+    rest = coalescer.poll(0.1, 2) + coalescer.poll(0.1, 2)
+    assert [(one.key, one.value) for one in rest] == [(keys[2], 1), (keys[3], 1), (keys[4], 2)]
+    assert coalescer.next_deadline() is None
+
+
 def test_a_node_that_is_gone_is_forgotten() -> None:
     coalescer = Coalescer(10)
     coalescer.offer(change(1), 0.0)

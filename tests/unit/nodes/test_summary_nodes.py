@@ -12,6 +12,8 @@ from tests.unit.nodes.model_server import fleet_built
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.counters import Counters
 from ua_fleet.fleet import FleetState, ValueChanged
+from ua_fleet.fleet.model import RobotState
+from ua_fleet.fleet.summaries import SummaryRecord
 from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.summary_nodes import (
@@ -88,6 +90,22 @@ async def test_all_robots_are_there_from_the_start() -> None:
         assert held is not None
         assert held.Value is not None
         assert len(held.Value.Value) == 50
+
+
+async def test_others_are_told_of_each_robot_that_may_have_changed() -> None:
+    async with summarised(2) as fleet:
+        heard: list[tuple[str, int]] = []
+
+        def told(summary: SummaryRecord) -> None:
+            heard.append((summary.name, summary.state))
+
+        put = fleet.told.append
+        nodes = SummaryNodes(fleet.parts, fleet.state, fleet.activities, put, lambda: 77, fleet.mistakes, told)
+        nodes.build()
+        assert heard == [("r0", RobotState.OFFLINE), ("r1", RobotState.OFFLINE)]
+        fleet.hear(1, 5)
+        nodes.poll(1.0)
+        assert heard[2:] == [("r1", RobotState.IDLE)]
 
 
 async def test_a_second_of_a_large_fleet_is_many_turns_and_one_write_of_each_group() -> None:

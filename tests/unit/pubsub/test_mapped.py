@@ -14,11 +14,19 @@ from ua_fleet.config.schema import FleetConfig, UnknownSources
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.fleet import FleetState, Noticed, SourceQuarantined, ValueChanged
 from ua_fleet.fleet.changes import SourceReleased
-from ua_fleet.pubsub import DataReceived, PubSubTiming, SourceUnknown, Subscriber, SubscriberEvent
+from ua_fleet.pubsub import DataReceived, PubSubTiming, SourceUnknown, Subscriber, SubscriberEvent, make_field
 from ua_fleet.pubsub.mapped import MappedSource, MappedSources
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType
-from ua_fleet.wire.messages import DataSetMessage, NetworkMessage, Probe, ProbeKind, PublisherIdType
+from ua_fleet.wire.messages import (
+    ConfigurationVersion,
+    DataSetMessage,
+    DataSetMetaData,
+    NetworkMessage,
+    Probe,
+    ProbeKind,
+    PublisherIdType,
+)
 
 VECTORS = Path(__file__).parents[2] / "vectors"
 PEER = [bytes.fromhex(line) for line in (VECTORS / "peer_none.hex").read_text().split()]
@@ -185,3 +193,16 @@ def test_ignored_sources_are_not_listed() -> None:
     server = Server(config_with(), UnknownSources.IGNORE)
     unannounced(server, Topic(300, 2, 9))
     assert server.changes == []
+
+
+def test_a_source_comes_only_by_the_connections_of_its_robot() -> None:
+    metadata = DataSetMetaData("oven", (make_field("x", BuiltinType.DOUBLE),), ConfigurationVersion(0, 0))
+    source = MappedSource((int(PublisherIdType.STRING), "oven"), 100, 9, SPEED, metadata)
+    counters = Counters()
+    subscriber = Subscriber(0, PubSubTiming(), counters, CODEC, mapped=MappedSources([source]))
+    subscriber.add_connection(None, barred=(SPEED.space,))
+    part = DataSetMessage(9, types=(DOUBLE,), values=(1.5,), sequence_number=1)
+    sent = CODEC.encode(NetworkMessage("oven", PublisherIdType.STRING, writer_group_id=100, messages=(part,)))
+    assert subscriber.receive(sent, 0.0, connection=1) == []
+    assert counters.drops == {Drop.NOT_ITS_CONNECTION: 1}
+    assert [event for event in subscriber.receive(sent, 0.0, connection=0) if isinstance(event, DataReceived)]

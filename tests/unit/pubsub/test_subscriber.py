@@ -19,6 +19,7 @@ from ua_fleet.pubsub import (
     SubscriberEvent,
     make_field,
 )
+from ua_fleet.pubsub.components import reader
 from ua_fleet.pubsub.liveness import Liveness
 from ua_fleet.pubsub.remote_writer import RemoteWriter
 from ua_fleet.topics import LoopVerdict, Topic
@@ -379,7 +380,7 @@ def test_two_groups_with_the_same_writer_id_are_kept_apart() -> None:
         ({"types": (DOUBLE,), "values": (1.0,)}, Drop.LAYOUT),
         ({"types": (STRING, DOUBLE), "values": ("a", 1.0)}, Drop.LAYOUT),
         ({"types": (DOUBLE | 0x80, STRING), "values": ((1.0,), "a")}, Drop.LAYOUT),
-        ({"kind": int(FrameKind.EVENT)}, Drop.UNSUPPORTED),
+        ({"kind": int(FrameKind.EVENT), "types": (DOUBLE,), "values": (1.0,)}, Drop.LAYOUT),
         ({"kind": int(FrameKind.DELTA), "indices": (0, 1)}, Drop.NO_KEY_FRAME),
         ({"valid": False}, Drop.INVALID),
     ],
@@ -464,6 +465,28 @@ def test_a_delta_frame_may_bring_a_status_for_its_field() -> None:
     sent = [foreign_metadata(), foreign(frame(timestamp=WALL)), foreign(delta)]
     message = only(DataReceived, reading.receive(sent, 1.0))[-1].message
     assert (message.values, message.field_status) == ((2.0, "a"), (StatusCode.UNCERTAIN, 0))
+
+
+def test_without_numbers_a_delta_frame_after_one_that_could_not_be_read_waits_for_a_key_frame() -> None:
+    reading = Reading()
+    delta = DataSetMessage(1001, int(FrameKind.DELTA), (DOUBLE,), (2.0,), timestamp=WALL + 2, indices=(0,))
+    outside = delta._replace(indices=(7,), timestamp=WALL + 1)
+    reading.receive([foreign_metadata(), foreign(frame(timestamp=WALL)), foreign(outside)], 1.0)
+    assert reading.receive([foreign(delta)], 1.0) == []
+    assert reading.counters.drops == {Drop.LAYOUT: 1, Drop.NO_KEY_FRAME: 1}
+    assert len(reading.receive([foreign(frame(timestamp=WALL + 3))], 1.0)) == 1
+
+
+def test_what_came_while_a_reader_was_off_is_missed_without_numbers_too() -> None:
+    reading = Reading()
+    reading.receive([foreign_metadata(), foreign(frame(timestamp=WALL))], 1.0)
+    topic = next(iter(reading.subscriber.writers))
+    reading.subscriber.disable(reader(topic))
+    reading.receive([foreign(frame(timestamp=WALL + 1))], 1.1)
+    reading.subscriber.enable(reader(topic))
+    heartbeat = DataSetMessage(1001, timestamp=WALL + 2)
+    assert only(SourceReturned, reading.receive([foreign(heartbeat)], 1.2)) == []
+    assert len(only(DataReceived, reading.receive([foreign(frame(timestamp=WALL + 3))], 1.3))) == 1
 
 
 def test_a_heartbeat_is_a_sign_of_life_without_a_value() -> None:

@@ -19,15 +19,28 @@ from tests import system, terminal
 
 _PIP = """#!/bin/sh
 echo "$*" >>asked
+meet() {  # only where both are done side by side
+  : >"met-$1"
+  tries=0
+  until [ -e "met-$2" ]; do
+    [ $((tries += 1)) -lt 300 ] || { echo "setup: $1 is done without $2" >&2; exit 1; }
+    sleep 0.1
+  done
+}
 case "$*" in
   *sys.version_info*) exit ${NEW_PYTHON:-0} ;;
   *pip.__version__*) exit ${OLD_PIP:-0} ;;
-  scripts/web.py) exit ${WEB:-0} ;;
+  scripts/web.py) [ "$MEET" != page ] || meet page wheels; exit ${WEB:-0} ;;
   "scripts/wanted "*) echo "$*" ;;
   *--requirement*)
     for wanted; do :; done
     wanted=$(cat "$wanted")
     echo "installs $wanted" >>asked
+    case "$MEET $wanted" in
+      "page "*" ros2") meet wheels page ;;
+      "ros1 "*+web) meet main ros1 ;;
+      "ros1 "*+ros1-tests) meet ros1 main ;;
+    esac
     case "$wanted" in *" $NOT_THERE") exit 1 ;; esac ;;
 esac
 """
@@ -45,7 +58,8 @@ class Checkout:
             made_from.update((folder / name).read_bytes())
         # ROS 1 is done: it would take packages of the system.
         self._write(folder / ".venv-ros1" / ".stamp-run", made_from.hexdigest())
-        self._write(folder / ".venv" / "bin" / "python", _PIP)
+        for environment in (".venv", ".venv-ros1"):
+            self._write(folder / environment / "bin" / "python", _PIP)
         self._write(folder / "bin" / "uname", '#!/bin/sh\necho "$MACHINE"\n')
         self._folder = folder
 
@@ -55,19 +69,29 @@ class Checkout:
         path.write_text(text, encoding="utf-8")
         path.chmod(0o755)
 
-    def set_up(self, machine: str, not_there: str, **others: str) -> tuple[list[str], str]:
-        """The extras of `.venv` that pip was asked for, and what was said."""
-        asked = self._folder / "asked"
-        asked.unlink(missing_ok=True)
+    def want_ros1(self) -> None:
+        """Have ROS 1 to do, with the packages of the system that there are."""
+        (self._folder / ".venv-ros1" / ".stamp-run").unlink()
+        self._write(self._folder / "bin" / "dpkg-query", "#!/bin/sh\necho ok installed\n")
+
+    def run(self, machine: str, not_there: str, **others: str) -> subprocess.CompletedProcess[str]:
+        """Set up."""
+        (self._folder / "asked").unlink(missing_ok=True)
         path = f"{self._folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
-        done = subprocess.run(
+        return subprocess.run(
             ["scripts/setup"],
             cwd=self._folder,
             env=system.clean_environment(PATH=path, MACHINE=machine, NOT_THERE=not_there, **others),
             stderr=subprocess.PIPE,
             text=True,
-            check=True,
+            check=False,
         )
+
+    def set_up(self, machine: str, not_there: str, **others: str) -> tuple[list[str], str]:
+        """The extras of `.venv` that pip was asked for, and what was said."""
+        done = self.run(machine, not_there, **others)
+        assert done.returncode == 0, done.stderr
+        asked = self._folder / "asked"
         lines = asked.read_text(encoding="utf-8").splitlines() if asked.exists() else []
         return [
             extra for extra in ("ros2", "ur") if f"installs scripts/wanted pyproject.toml {extra}" in lines
@@ -103,6 +127,28 @@ def test_each_set_up_builds_the_page_and_does_without_it(checkout: Checkout, tmp
     for _ in range(2):
         assert checkout.set_up("x86_64", "none", WEB="1") == ([], "")
         assert "scripts/web.py" in (tmp_path / "checkout" / "asked").read_text(encoding="utf-8").splitlines()
+
+
+def test_the_page_is_built_beside_the_wheels_that_it_does_not_need(checkout: Checkout) -> None:
+    """Each of them waits until the other one has begun."""
+    assert checkout.set_up("x86_64", "none", MEET="page")[0] == ["ros2", "ur"]
+
+
+@pytest.mark.needs("ros1")
+def test_both_environments_are_made_side_by_side(checkout: Checkout) -> None:
+    checkout.want_ros1()
+    said = checkout.set_up("x86_64", "none", MEET="ros1")[1].splitlines()
+    assert sorted(line.partition(" with ")[0] for line in said) == ["setup: making .venv", "setup: making .venv-ros1"]
+    assert checkout.set_up("x86_64", "none") == ([], "")
+
+
+@pytest.mark.needs("ros1")
+def test_what_fails_beside_the_rest_ends_the_set_up(checkout: Checkout) -> None:
+    """The other parts are done then, and the next set-up goes on from there."""
+    checkout.want_ros1()
+    assert checkout.run("x86_64", "+ros1-tests").returncode == 1
+    asked, said = checkout.set_up("x86_64", "none")
+    assert (asked, "making .venv-ros1" in said) == ([], True)
 
 
 def test_an_environment_whose_making_was_interrupted_is_made_again(checkout: Checkout, tmp_path: Path) -> None:

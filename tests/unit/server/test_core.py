@@ -10,13 +10,13 @@ import pytest
 from tests.unit.fleet.fleet_of import BOOLEAN, BRIDGE, BUSY, DOUBLE, SPEED
 from tests.unit.server.core_bench import START, TIMING, Bench
 from ua_fleet.counters import Drop
-from ua_fleet.fleet.changes import SourceAdded, SourceQuarantined, ValueChanged
+from ua_fleet.fleet.changes import Change, RobotAdded, RobotRemoved, SourceAdded, SourceQuarantined, ValueChanged
 from ua_fleet.fleet.commands import Publication
 from ua_fleet.fleet.model import RobotState, UnknownSources
 from ua_fleet.pubsub.events import DataReceived, SourceSilent
 from ua_fleet.pubsub.metadata import make_field
-from ua_fleet.server.attached import NoRegistry, NoRuns, Parts, RunsPart
-from ua_fleet.server.core import BURST, BURST_PAUSE_S, TICK_S
+from ua_fleet.server.attached import NoNamespace, NoRegistry, NoRuns, Parts, RunsPart
+from ua_fleet.server.core import BURST, BURST_PAUSE_S, MOST_VALUES, TICK_S
 from ua_fleet.server.timetable import PAUSE_S
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
@@ -59,6 +59,29 @@ def test_analog_values_are_shown_at_their_rate_and_the_last_one_always() -> None
     assert bench.nodes.values(1001) == [(0.0, 0), (0.95, 0)]
     bench.publish(SPEED, 1.0)
     assert bench.nodes.values(1001)[2:] == [(1.0, 0)]
+
+
+def test_many_values_that_are_due_leave_others_their_turn() -> None:
+    count = 2 * MOST_VALUES + 10
+    topics = [Topic(2, 2, 2000 + number) for number in range(count)]
+    data = {f"d{topic.id}": {"id": topic.id, "type": "Double"} for topic in topics}
+    bench = Bench({"rover": {"bridge": "mobile", "capacities": ["mobile"], "data": data}})
+    for topic in topics:
+        bench.announce(topic, SPEED_FIELD)
+        bench.publish(topic, 0.0)
+    bench.now = 0.05
+    for topic in topics:
+        bench.publish(topic, 1.0)
+    bench.now = 0.11
+
+    def shown() -> int:
+        return sum(bench.nodes.values(topic.id)[-1] == (1.0, 0) for topic in topics)
+
+    has_more = [bench.core.poll(now=0.11, wall=bench.wall())]
+    assert shown() == MOST_VALUES
+    has_more += [bench.core.poll(now=0.11, wall=bench.wall()) for _ in range(2)]
+    assert shown() == count
+    assert has_more == [True, True, False]
 
 
 def test_a_boolean_is_shown_at_each_message() -> None:
@@ -313,3 +336,49 @@ def test_a_bridge_is_heard_by_its_status_and_missed_after_the_timeout() -> None:
     assert bench.state.bridges_heard == {"mobile": True}
     bench.until(TIMING.receive_timeout_s + 0.5)
     assert bench.state.bridges_heard == {"mobile": False}
+
+
+# The Unified Namespace.
+
+
+class Mirror(NoNamespace):
+    """What it is told."""
+
+    def __init__(self) -> None:
+        self.values: list[tuple[Any, Any]] = []
+        self.changes: list[Change] = []
+        self.publications: list[Publication] = []
+
+    def value_changed(self, change: ValueChanged) -> None:
+        self.values.append((change.key.identifier, change.value))
+
+    def changed(self, change: Change) -> None:
+        self.changes.append(change)
+
+    def written(self, publication: Publication) -> None:
+        self.publications.append(publication)
+
+
+def test_the_unified_namespace_is_told_of_each_value_also_of_those_that_nodes_wait_for() -> None:
+    mirror = Mirror()
+    bench = Bench(parts=Parts(namespace=mirror, runs=Failing()))
+    heard_speed(bench, 0.0)
+    for number in range(1, 5):
+        bench.now = number / 1000
+        bench.publish(SPEED, number / 10)
+    assert [value for key, value in mirror.values if key == 1001] == [0.0, 0.1, 0.2, 0.3, 0.4]
+    assert bench.nodes.values(1001) == [(0.0, 0)]
+
+
+def test_the_unified_namespace_is_told_of_robots_and_of_what_clients_write() -> None:
+    mirror = Mirror()
+    bench = Bench(parts=Parts(namespace=mirror))
+    bench.begin()
+    goal = Publication(Topic(0, 2, 1006), (DOUBLE,), (0.5,), START)
+    bench.core.publish(goal, now=0.0)
+    assert mirror.publications[-1] == goal
+    (rover,) = bench.model.robots
+    bench.core.remove_robot(rover, now=0.0)
+    bench.core.add_robot(rover, now=0.0, wall=START)
+    kinds = [type(change) for change in mirror.changes]
+    assert [kind for kind in kinds if kind in (RobotAdded, RobotRemoved)] == [RobotRemoved, RobotAdded]

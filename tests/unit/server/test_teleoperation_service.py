@@ -9,7 +9,7 @@ import pytest
 
 from tests.unit.teleoperation.rigs import model
 from ua_fleet.counters import Drop
-from ua_fleet.errors import RobotOffline
+from ua_fleet.errors import LeaseRefused, RobotOffline
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.pubsub.events import (
     DataReceived,
@@ -20,9 +20,10 @@ from ua_fleet.pubsub.events import (
     SubscriberEvent,
 )
 from ua_fleet.server.teleoperation.service import DrivingSession, TeleoperationService
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome, pack
 from ua_fleet.teleoperation import State, Status
 from ua_fleet.teleoperation.messages import STATUS_FIELDS
-from ua_fleet.values import StatusCode
+from ua_fleet.values import ARRAY, BuiltinType, StatusCode
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 
 MODEL = model()
@@ -127,3 +128,36 @@ async def test_a_bridge_that_is_gone_is_asked_for_nothing(event: SubscriberEvent
         with pytest.raises(RobotOffline, match="no bridge announces"):
             async with asyncio.timeout(1):
                 await server.service.acquire("carrier", driver, take_over=False)
+
+
+async def test_a_bridge_that_was_never_heard_is_asked_for_nothing() -> None:
+    server = Server()
+    driver = DrivingSession("s1", "otto", None, lambda: "")
+    with pytest.raises(RobotOffline, match="the bridge of carrier is silent"):
+        await server.service.acquire("carrier", driver, take_over=False)
+
+
+async def test_a_robot_whose_bridge_falls_silent_while_it_is_asked_is_not_given_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    server = Server()
+    server.hear(IDLE)
+    types = (int(BuiltinType.UINT32), int(BuiltinType.UINT32), BuiltinType.STRING | ARRAY)
+    results = pack(types, (4, 1, tuple([name for name, _ in MODEL.axes])))
+
+    async def ask(*_asked: Any, **_more: Any) -> RequestOutcome:
+        server.follow(SourceSilent(MODEL.status))
+        report = ExecutionReport(ExecutionState.DONE, result=results)
+        return RequestOutcome(OutcomeKind.ACCEPTED, report, ("Lease", "Counter", "Axes"))
+
+    requested: list[Any] = []
+    monkeypatch.setattr(server.service, "_ask", ask)
+
+    def request(*asked: Any) -> None:
+        requested.append(asked[2:4])
+
+    monkeypatch.setattr(server.service.commands, "request", request)
+    driver = DrivingSession("s1", "otto", None, lambda: "")
+    with pytest.raises(LeaseRefused, match="not given out: nothing is heard of its bridge"):
+        await server.service.acquire("carrier", driver, take_over=False)
+    assert requested == [("Release", {"Lease": 4, "Reason": "nothing is heard of its bridge"})]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from ua_fleet.counters import Counters, Drop
@@ -174,6 +176,15 @@ def test_a_copy_that_comes_after_the_requestor_only_asked_is_not_begun() -> None
     responder = make()
     receive(responder, REQUEST._replace(timeout_hint_ms=0.0))
     assert report(receive(responder)).state is S.TIMED_OUT
+
+
+def test_over_a_network_that_holds_back_nothing_is_begun_after_its_timeout() -> None:
+    strict = replace(LIMITS, late_tolerance_s=0.0)
+    for seconds, begins in ((-4.9, True), (-5.1, False), (1.9, True)):
+        responder = ActionResponder(7, MemoryJournal(), Counters(), offers=OFFERS, allowed_spaces=(0, 2), limits=strict)
+        issued = UTC + round(seconds * TICKS_PER_SECOND)
+        effects = receive(responder, REQUEST._replace(timestamp=issued, timeout_hint_ms=5000.0))
+        assert any(isinstance(effect, Execute) for effect in effects) is begins
 
 
 def test_clocks_may_differ_a_little() -> None:

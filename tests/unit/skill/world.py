@@ -42,7 +42,8 @@ from ua_fleet.skill import (
     pack,
 )
 from ua_fleet.skill.executions import NEVER_BEGUN
-from ua_fleet.transport import Address, MemoryNetwork
+from ua_fleet.transport.base import Address
+from ua_fleet.transport.memory import MemoryNetwork
 from ua_fleet.values import UNIX_EPOCH_TICKS, BuiltinType, StatusCode
 from ua_fleet.wire import ActionMessage, ActionState, Codec, encode_action
 

@@ -46,3 +46,24 @@ def test_what_is_wrong(outcomes: list[Outcome], begun: list[str], lost: int, dou
 def test_robots_are_held_apart() -> None:
     seen = account([command(Outcome.DONE, "ur3"), command(Outcome.DONE, "drone")], [Begun("drone", 1.0, "a")] * 2)
     assert (seen.lost, seen.doubled) == (1, 1)
+
+
+def asked(at: float, outcome: Outcome = Outcome.UNKNOWN) -> Command:
+    return Command("drone", "land", at, "id", outcome, within_s=8.0)
+
+
+@pytest.mark.parametrize(
+    ("commands", "begun", "late"),
+    [
+        ([asked(0.0)], [8.5], 0),
+        ([asked(0.0)], [10.0], 1),
+        ([asked(0.0), asked(5.0)], [10.0], 0),
+        ([asked(0.0), asked(5.0)], [10.0, 10.5], 1),
+        ([asked(0.0, Outcome.DONE), asked(5.0, Outcome.DONE)], [1.0, 5.5], 0),
+        ([asked(0.0), asked(5.0)], [5.5, 6.0], 0),
+        ([asked(5.0, Outcome.REFUSED)], [5.5], 0),
+        ([asked(5.0)], [4.0], 0),
+    ],
+)
+def test_what_is_begun_after_its_time_is_late(commands: list[Command], begun: list[float], late: int) -> None:
+    assert account(commands, [Begun("drone", at, str(at)) for at in begun]).late == late

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from tests.testbed.ledger import Begun
-from tests.testbed.watching import Seen
+from tests.testbed.watching import Seen, state_of
 from tests.testbed.words import read_events, read_log
 
 
 def test_all_is_good_once_all_nodes_are_told() -> None:
-    seen = Seen(["a", "b"])
+    seen = Seen({"a": "drone", "b": "belt"})
     assert not seen.is_all_good()
     seen.connected()
     seen.changed("a", "Good", 1.0)
@@ -19,7 +19,7 @@ def test_all_is_good_once_all_nodes_are_told() -> None:
 
 
 def test_the_first_trouble_counts() -> None:
-    seen = Seen(["a"])
+    seen = Seen({"a": "drone"})
     seen.connected()
     seen.changed("a", "Good", 1.0)
     seen.changed("a", "BadNoCommunication", 5.0)
@@ -32,7 +32,7 @@ def test_the_first_trouble_counts() -> None:
 
 
 def test_a_lost_connection_is_a_trouble_once() -> None:
-    seen = Seen(["a"])
+    seen = Seen({"a": "drone"})
     seen.lost(0.5)
     assert seen.troubles == [], "it was never there"
     seen.connected()
@@ -42,6 +42,24 @@ def test_a_lost_connection_is_a_trouble_once() -> None:
     assert seen.troubles == [(2.0, "connection", "lost")]
     seen.connected()
     assert not seen.is_all_good(), "what was known before may be old"
+
+
+def test_which_robots_were_concerned_is_told() -> None:
+    seen = Seen({"a": "drone", "b": "drone", state_of("drone"): "drone", "c": "belt"})
+    seen.connected()
+    for address in seen.addresses:
+        seen.changed(address, "Good", 1.0)
+    seen.changed("a", "BadNoCommunication", 5.0)
+    assert seen.good_of(["drone"]) == ["b"]
+    assert seen.good_of([]) == []
+    assert seen.troubles_of(["drone"], 2.0, 6.0) == [("a", "BadNoCommunication")]
+    assert seen.troubles_of(["drone"], 6.0, 9.0) == []
+    assert seen.troubles_of(["drone"], 2.0, 5.0) == []
+    assert seen.troubles_of(["belt"], 2.0, 9.0) == []
+    seen.lost(7.0)
+    assert seen.troubles_of(["belt"], 2.0, 9.0) == [("connection", "lost")]
+    assert seen.troubles_of([], 2.0, 9.0) == []
+    assert seen.good_of(["drone", "belt"]) == []
 
 
 def test_robots_words() -> None:

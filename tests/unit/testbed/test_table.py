@@ -16,11 +16,11 @@ def test_the_table() -> None:
     assert lines([GOOD, SLOW], {"Docker": "20.10", "cores": "2"}) == [
         "Docker 20.10, cores 2.",
         "",
-        "| what | | noticed | healed | commands | done | refused | failed | unknown | lost | doubled | gaps |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
-        "| ROS master (`rosmaster`) | killed | - | 1.3 s | 7 | 7 | 0 | 0 | 0 | 0 | 0 | 0 |",
-        "| PLC (`conveyor`) | paused 10 s | 3.1 s | **not in 60 s** | 9 | 5 | 0 | 0 | 1 | 1 | 0 | - |",
-        "| **all** | | | | **16** | **12** | **0** | **0** | **1** | **1** | **0** | |",
+        "| what | | noticed | healed | commands | done | refused | failed | unknown | lost | doubled | late | gaps |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+        "| ROS master (`rosmaster`) | killed | - | 1.3 s | 7 | 7 | 0 | 0 | 0 | 0 | 0 | 0 | 0 |",
+        "| PLC (`conveyor`) | paused 10 s | 3.1 s | **not in 60 s** | 9 | 5 | 0 | 0 | 1 | 1 | 0 | 0 | - |",
+        "| **all** | | | | **16** | **12** | **0** | **0** | **1** | **1** | **0** | **0** | |",
     ]
 
 
@@ -30,11 +30,14 @@ def test_what_was_bad() -> None:
         "conveyor paused: not well after 60 s: no skill was done",
         "conveyor paused: 1 commands lost",
     ]
+    late = Row("a", "a", "stopped", 1.0, 1.0, [], 0, ["b was Good"], Account(asked=1, late=1))
+    assert failures([late]) == ["a stopped: 1 commands begun too late", "a stopped: b was Good"]
     assert failures([Row("a", "a", "killed", None, 1.0)]) == ["a killed: nothing was asked for meanwhile"]
 
 
 def test_the_page_keeps_all_but_the_table() -> None:
-    page = "before\n<!-- table -->\nold\n<!-- /table -->\nafter\n"
-    assert into_page(page, ["new"]) == "before\n<!-- table -->\nnew\n<!-- /table -->\nafter\n"
-    with pytest.raises(ValueError, match="table"):
-        into_page("before", ["new"])
+    page = "before\n<!-- a -->\nold\n<!-- /a -->\nafter\n<!-- b -->\n<!-- /b -->\n"
+    assert into_page(page, "a", ["new"]) == page.replace("old", "new")
+    assert into_page(page, "b", ["new"]) == page.replace("<!-- b -->\n", "<!-- b -->\nnew\n")
+    with pytest.raises(ValueError, match="<!-- c -->"):
+        into_page(page, "c", ["new"])

@@ -80,14 +80,14 @@ def test_other_metadata_than_before_is_no_repeat() -> None:
     assert changed == [MessageKind.METADATA, MessageKind.KEEP_ALIVE]
 
 
-def test_an_action_is_metadata_and_its_responder_registration() -> None:
+def test_an_action_and_its_responder_are_metadata() -> None:
     robot = Robot()
     target = (ActionTarget(1, "robot"),)
     said = robot.publisher.announce_action(SKILL, "task", target, X, (), now=0.0, wall_ticks=WALL)
     assert robot.kinds(said) == [MessageKind.METADATA]
     assert robot.kinds(robot.publisher.poll(0.5, WALL)) == []
     asked = Probe(SPACE, 1, ProbeKind.PUBSUB_CONNECTIONS)
-    assert robot.kinds(robot.publisher.answer(asked, 1.0)) == [MessageKind.REGISTRATION, MessageKind.REGISTRATION]
+    assert robot.kinds(robot.publisher.answer(asked, 1.0)) == [MessageKind.METADATA, MessageKind.METADATA]
 
 
 def test_looking_for_applications_is_registration() -> None:

@@ -3,7 +3,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ua_fleet.transport import Address, MemoryEndpoint, MemoryNetwork, Transport
+from ua_fleet.transport.base import Address, Transport
+from ua_fleet.transport.memory import MemoryEndpoint, MemoryNetwork
 
 
 def listener(network: MemoryNetwork) -> tuple[MemoryEndpoint, list[tuple[float, bytes, Address]]]:

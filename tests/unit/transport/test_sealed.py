@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from tests.unit.pubsub.security.securing import data, envelope, group_keys
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.pubsub.security.groups import telemetry_group
-from ua_fleet.transport import MemoryNetwork, SealedSender, TransportStats
+from ua_fleet.transport.base import TransportStats
+from ua_fleet.transport.memory import MemoryNetwork
+from ua_fleet.transport.sealed import SealedSender, data_group
 
 SPACE = 1
 
@@ -37,3 +41,30 @@ def test_what_the_kernel_loses_is_counted() -> None:
     for _ in range(2):
         stats.count_drops(counters)
     assert counters.drops == {Drop.SEND_FAILED: 2, Drop.KERNEL: 3}
+
+
+def test_what_was_not_secured_or_not_sent_is_counted_by_its_writer_group() -> None:
+    endpoint = MemoryNetwork().endpoint()
+    secured = envelope(SPACE)
+    sender = SealedSender(secured, endpoint, lambda: 0.0)
+    group = data_group(data("first"))
+    assert group is not None
+    sender.send(data("first"))
+    assert (sender.not_secured, sender.failed) == ({group: 1}, {})
+    secured.install(telemetry_group(SPACE), group_keys(), 0.0)
+    sender.send(data("first"))
+    assert sender.failed == {}
+    take = endpoint.send
+
+    def refuse(datagram: bytes, address: Any = None) -> None:
+        endpoint.stats.send_failed += 1
+        take(datagram, address)
+
+    endpoint.send = refuse  # type: ignore[method-assign]
+    sender.send(data("first"))
+    assert sender.failed == {group: 1}
+
+
+def test_a_message_without_data_belongs_to_no_writer_group() -> None:
+    assert data_group(b"") is None
+    assert data_group(bytes.fromhex("91910407000000000000000102010000000100")) is None

@@ -3,7 +3,9 @@ from __future__ import annotations
 import pytest
 
 from ua_fleet.errors import TransportError
-from ua_fleet.transport import Transport, UdpTransport, parse_url
+from ua_fleet.transport.addresses import parse_url
+from ua_fleet.transport.base import Transport
+from ua_fleet.transport.udp import UdpTransport
 
 
 @pytest.mark.parametrize(
@@ -12,6 +14,7 @@ from ua_fleet.transport import Transport, UdpTransport, parse_url
         ("opc.udp://224.0.2.14:4840", ("224.0.2.14", 4840)),
         ("opc.udp://192.168.1.7:4840/", ("192.168.1.7", 4840)),
         ("opc.udp://robot.local:14840", ("robot.local", 14840)),
+        ("opc.udp://[ff15::ea7]:4840", ("ff15::ea7", 4840)),
     ],
 )
 def test_host_and_port(url: str, expected: tuple[str, int]) -> None:
@@ -28,6 +31,9 @@ def test_host_and_port(url: str, expected: tuple[str, int]) -> None:
         "opc.udp://a:0",
         "opc.udp://a:65536",
         "opc.udp://a:x",
+        "opc.udp://ff15::ea7:4840",
+        "opc.udp://[224.0.2.14]:4840",
+        "opc.udp://[]:4840",
         "a:1",
     ],
 )

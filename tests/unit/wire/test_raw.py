@@ -7,7 +7,7 @@ from uuid import UUID
 
 import pytest
 
-from ua_fleet.errors import RemoteWireError
+from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import Matrix
 from ua_fleet.wire import Cause, decode_raw_fields
 from ua_fleet.wire.messages import (
@@ -18,6 +18,7 @@ from ua_fleet.wire.messages import (
     FieldMetaData,
     FrameKind,
 )
+from ua_fleet.wire.raw import encode_raw_field
 
 RAW = DataSetMessage(1, encoding=FieldEncoding.RAW_DATA)
 
@@ -105,6 +106,7 @@ def test_fields(of: FieldMetaData, code: int, value: Any, encoded: str) -> None:
     message = RAW._replace(raw=b"\x07" + data + b"\x08\0\0")  # with padding up to a ConfiguredSize
     decoded = decode_raw_fields(message, metadata(byte, of, byte))
     assert decoded == message._replace(types=(3, code, 3), values=(7, value, 8), raw=None)
+    assert encode_raw_field(of, value).hex(" ") == data.hex(" ")
     for size in range(len(data)):
         with pytest.raises(RemoteWireError):
             decode_raw_fields(RAW._replace(raw=data[:size]), metadata(of))
@@ -161,3 +163,29 @@ def test_delta_indices_are_checked(index: str) -> None:
     with pytest.raises(RemoteWireError) as caught:
         decode_raw_fields(message, metadata(field(3), field(3), field(3)))
     assert caught.value.cause == Cause.RAW_FIELD_INDEX
+
+
+UNSENDABLE: list[tuple[str, FieldMetaData, Any]] = [
+    *[(f"type {kind}", field(kind), None) for kind in (0, 16, 17, 18, 20, 21, 22, 23, 24, 25, 26)],
+    *[(f"rank {rank}", field(3, value_rank=rank), ()) for rank in (-3, -2, 0, 17)],
+    ("another type", field(12), 7),
+    ("a number out of range", field(3), 256),
+    ("long String", field(12, max_string_length=1), "ab"),
+    ("no array", field(3, value_rank=1), 7),
+    ("long array", field(3, value_rank=1, array_dimensions=(1,)), (1, 2)),
+    ("no matrix", field(3, value_rank=2), (1, 2)),
+    ("rank of the matrix", field(3, value_rank=2), Matrix((1,), (1,))),
+    ("elements of the matrix", field(3, value_rank=2), Matrix((1,), (1, 2))),
+    ("large matrix", field(3, value_rank=2, array_dimensions=(1, 1)), Matrix((1, 2), (1, 2))),
+]
+
+
+@pytest.mark.parametrize(("of", "value"), [pytest.param(*row[1:], id=row[0]) for row in UNSENDABLE])
+def test_what_cannot_be_sent(of: FieldMetaData, value: Any) -> None:
+    with pytest.raises(LocalWireError):
+        encode_raw_field(of, value)
+
+
+def test_a_view_of_numbers_is_sent_as_it_is() -> None:
+    view = memoryview(bytes.fromhex("0000003f0000c03f")).cast("f")
+    assert encode_raw_field(field(10, value_rank=1), view).hex() == "020000000000003f0000c03f"

@@ -14,9 +14,16 @@ from asyncua.ua.ua_binary import struct_from_binary, struct_to_binary
 
 from tests.unit.wire.corpus import FULL_METADATA as FULL
 from tests.unit.wire.corpus import MINIMAL_METADATA as MINIMAL
-from ua_fleet.values import datetime_from_ticks
+from ua_fleet.values import LocalizedText, NodeId, QualifiedName, datetime_from_ticks
 from ua_fleet.wire import Codec
 from ua_fleet.wire.cursor import Cursor
+from ua_fleet.wire.descriptions import (
+    EnumerationDescription,
+    EnumerationField,
+    SimpleTypeDescription,
+    StructureDescription,
+    StructureField,
+)
 from ua_fleet.wire.messages import DataSetMessage, FieldEncoding, NetworkMessage
 from ua_fleet.wire.metadata import decode_metadata, encode_metadata
 
@@ -110,8 +117,8 @@ def test_metadata_is_what_asyncua_reads() -> None:
     assert (name.DataType.Identifier, name.ValueRank) == (12, -1)
 
 
-def test_descriptions_of_types_are_passed_over() -> None:
-    """asyncua encodes metadata with structures, enumerations and simple types; we read what follows them."""
+def test_descriptions_of_types_are_those_of_asyncua() -> None:
+    """Structures, enumerations and simple types: asyncua's bytes are read, and written again as they were."""
     structure = ua.StructureDescription(
         DataTypeId=ua.NodeId(1, 2),
         Name=ua.QualifiedName("S", 2),
@@ -121,7 +128,9 @@ def test_descriptions_of_types_are_passed_over() -> None:
             StructureType=ua.StructureType.StructureWithOptionalFields,
             Fields=[
                 ua.StructureField(Name="a", DataType=ua.NodeId(11), ValueRank=1, ArrayDimensions=[3], IsOptional=True),
-                ua.StructureField(Name="b", Description=ua.LocalizedText("d", "en"), DataType=ua.NodeId("t", 2)),
+                ua.StructureField(
+                    Name="b", Description=ua.LocalizedText("d", "en"), DataType=ua.NodeId("t", 2), IsOptional=False
+                ),
             ],
         ),
     )
@@ -145,7 +154,24 @@ def test_descriptions_of_types_are_passed_over() -> None:
         Fields=[ua.FieldMetaData(Name="x", BuiltInType=11, DataType=ua.NodeId(11), ValueRank=-1)],
         ConfigurationVersion=ua.ConfigurationVersionDataType(MajorVersion=1, MinorVersion=2),
     )
-    cursor = Cursor(struct_to_binary(theirs))
+    data = struct_to_binary(theirs)
+    cursor = Cursor(data)
     metadata = decode_metadata(cursor)
     assert cursor.remaining == 0
-    assert metadata == MINIMAL._replace(namespaces=("urn:a",))
+    members = (
+        StructureField("a", NodeId(0, 11), 1, is_optional=True, array_dimensions=(3,)),
+        StructureField("b", NodeId(2, "t"), 0, description=LocalizedText("d", "en")),
+    )
+    assert metadata == MINIMAL._replace(
+        namespaces=("urn:a",),
+        structures=(StructureDescription(NodeId(2, 1), QualifiedName(2, "S"), members, 1, NodeId(2, 3)),),
+        enumerations=(
+            EnumerationDescription(
+                NodeId(2, 4), QualifiedName(2, "E"), (EnumerationField(1, "One", LocalizedText("one")),)
+            ),
+        ),
+        simple_types=(SimpleTypeDescription(NodeId(2, 5), QualifiedName(2, "T"), NodeId(0, 11), 11),),
+    )
+    out = bytearray()
+    encode_metadata(out, metadata)
+    assert bytes(out) == data

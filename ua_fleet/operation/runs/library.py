@@ -67,7 +67,15 @@ class Listed(NamedTuple):
     name: str
     description: str
     problems: int
-    """Mistakes that the file has by itself."""
+    """What is wrong with it for the fleet, as `Library.checked` tells it."""
+
+
+class _Looked(NamedTuple):
+    """What was found when a file was looked at last."""
+
+    version: str
+    fleet: FleetView
+    listed: Listed
 
 
 class Checked(NamedTuple):
@@ -85,19 +93,26 @@ class Library:
         self._folder = folder
         self._changing = threading.Lock()
         """Held from looking at the version of a file until it is another one."""
+        self._looked: dict[str, _Looked] = {}
+        """By name: a list is asked for each 2 s by everybody who looks at one, and most files are what they were."""
 
-    def listed(self) -> list[Listed]:
-        """The scenarios of the folder by their names."""
-        found: list[Listed] = []
-        names = sorted({path.stem for path in self._files() if _NAME.fullmatch(path.stem)})
-        for name in names[:MOST_LISTED]:
-            try:
-                reading = read_scenario(self.text(name).encode(), name)
-            except ScenarioError:
-                found.append(Listed(name, "", 1))
-                continue
-            found.append(Listed(name, reading.scenario.description, len(reading.problems)))
-        return found
+    def listed(self, fleet: FleetView) -> list[Listed]:
+        """The scenarios of the folder by their names, held against a fleet. May be called from any thread."""
+        names = sorted({path.stem for path in self._files() if _NAME.fullmatch(path.stem)})[:MOST_LISTED]
+        looked = {name: self._look_at(name, fleet, self._looked.get(name)) for name in names}
+        self._looked = looked
+        return [one.listed for one in looked.values()]
+
+    def _look_at(self, name: str, fleet: FleetView, before: _Looked | None) -> _Looked:
+        try:
+            text = self.text(name)
+        except ScenarioError:
+            return _Looked("", fleet, Listed(name, "", 1))
+        version = version_of(text)
+        if before is not None and before.version == version and before.fleet is fleet:
+            return before
+        checked = self._held(text, name, fleet)
+        return _Looked(version, fleet, Listed(name, checked.scenario.description, len(checked.problems)))
 
     def problems(self, fleet: FleetView) -> list[ConfigError]:
         """All that is wrong with the files of the folder, by their paths."""

@@ -261,8 +261,8 @@ class ScenarioService:
     # People.
 
     def listed(self) -> list[Listed]:
-        """The scenarios of the folder."""
-        return self.library.listed()
+        """The scenarios of the folder, with how much is wrong with each. May be called from any thread."""
+        return self.library.listed(self.fleet)
 
     def check(self, name_or_text: str) -> Checked:
         """A scenario with its problems; nothing is started."""

@@ -15,13 +15,14 @@ ours always fit into a datagram.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from random import Random
 from struct import Struct
 from typing import Final
 
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, RemoteWireError
+from ua_fleet.pubsub.publisher_ids import PublisherIds
 from ua_fleet.pubsub.security.groups import Group, KeyGroups, command_group, telemetry_group
 from ua_fleet.pubsub.security.keyring import GroupKeys, Token
 from ua_fleet.pubsub.security.nonces import NonceReservations, NonceSequence, NoncesUnavailable, nonce_prefix
@@ -68,6 +69,9 @@ class Envelope:
         past_keys: int = 1,
         asks_for_all: bool = False,
         setpoint_groups: Mapping[int, int] | None = None,
+        publisher_ids: PublisherIds | None = None,
+        relayed: Mapping[int, str] | None = None,
+        speaks_under: str | None = None,
         random: Random | None = None,
     ) -> None:
         """Make an envelope without keys.
@@ -85,6 +89,9 @@ class Envelope:
                 PublisherId, so this is for keys that nobody has to be asked for.
             setpoint_groups: spaces by the WriterGroups of the server's setpoints for them, which the keys of the
                 commands of these spaces secure.
+            publisher_ids: of spaces that have another PublisherId on the wire than their number.
+            relayed: the SecurityGroups of relays, by the PublisherIds whose data comes by them alone.
+            speaks_under: of a relay: the group that secures what it forwards, in whose name it may be.
             random: where the random part of nonces comes from.
         """
         random = random or Random()  # noqa: S311 - this part of a nonce need not be a secret (table 156)
@@ -96,12 +103,18 @@ class Envelope:
         self._groups = KeyGroups(past_keys, frozenset(relaxed_replay), takes_all=asks_for_all)
         self._telemetry: Mapping[int | str | None, Group] = self._groups.telemetry
         self._setpoint_groups = setpoint_groups or {}
+        self._ids = publisher_ids
+        self._own_group = speaks_under or telemetry_group(own_space)
+        self._is_relay = speaks_under is not None
+        self._siblings: tuple[Envelope, ...] = ()
         self._reassembly = Reassembly(counters, max_message_bytes)
         self._chunks = ChunkReader()
         self._chunked = random.getrandbits(16)
         """MessageSequenceNumber of the last message that was sent as chunks."""
         if mode is not _NONE:
-            self._groups.want(telemetry_group(own_space))
+            self._groups.want(self._own_group)
+            for publisher_id, group_id in (relayed or {}).items():
+                self._groups.entrust(publisher_id, group_id)
 
     @property
     def mode(self) -> SecurityMode:
@@ -111,7 +124,21 @@ class Envelope:
     @property
     def max_plain_bytes(self) -> int:
         """The longest plain message that goes as one datagram; longer ones go as chunks."""
-        return self._most_bytes
+        return self._most_bytes - (0 if self._ids is None else self._ids.most_added_bytes)
+
+    def know(self, others: Iterable[Envelope]) -> None:
+        """Take no message that one of the process's other connections has taken: no nonce goes by two of them."""
+        self._siblings = tuple([other for other in others if other is not self])
+
+    def _is_carried(self, group_id: str, token_id: int, sender: int, number: int) -> bool:
+        """Whether a message was taken by another connection, under its nonce."""
+        return any(other.has_taken(group_id, token_id, sender, number) for other in self._siblings)
+
+    def has_taken(self, group_id: str, token_id: int, sender: int, number: int) -> bool:
+        """Whether a message was taken here, under its nonce."""
+        group = self._groups.get(group_id)
+        token = None if group is None else group.keyring.tokens.get(token_id)
+        return token is not None and token.windows.has(sender, number)
 
     def want(self, group_id: str) -> None:
         """Need the keys of a group from now on."""
@@ -139,9 +166,11 @@ class Envelope:
 
         Raises LocalWireError for what cannot be secured or split.
         """
+        if self._ids is not None:
+            datagram = self._ids.outward(datagram)
         if self._mode is _NONE:
             return [datagram] if len(datagram) <= self._most_bytes else self._split(datagram)
-        heard = read_security(datagram)
+        heard = self._read(datagram)
         if heard.mode is not _NONE:
             raise LocalWireError("a message that is secured already")
         if heard.is_discovery and _is_probe(datagram):
@@ -171,20 +200,31 @@ class Envelope:
             self.problem = ""
         return sealed
 
-    def open(self, datagram: bytes, now: float) -> bytes | None:
+    def _read(self, datagram: bytes) -> SecuredDatagram:
+        """What a message says of its sender and its security, the sender by its space."""
+        heard = read_security(datagram)
+        return heard if self._ids is None else self._ids.named(heard)
+
+    def open(self, datagram: bytes, now: float, *, is_fresh: bool = True) -> bytes | None:
         """The plain and whole message that a datagram is or completes; None where chunks are missing.
 
-        None too for the Actions of others, in whose group we are not: on multicast everybody hears them.
+        None too for the Actions of others, in whose group we are not: on multicast everybody hears them. What is not
+        fresh, since a broker has kept it, is verified and changes nothing here: it neither needs a nonce that was not
+        used nor uses one. Only discovery messages may be so, and no chunks.
 
         Raises:
             Refused: it was not let in.
             RemoteWireError: it is malformed.
         """
+        plain = self._open(datagram, now) if is_fresh else self._open_kept(datagram, now)
+        return plain if plain is None or self._ids is None else self._ids.inward(plain)
+
+    def _open(self, datagram: bytes, now: float) -> bytes | None:
         if self._mode is _NONE:
             if len(datagram) > 2 and datagram[0] & HAS_EXTENDED_FLAGS_1 and datagram[1] & HAS_EXTENDED_FLAGS_2:
                 return self._open_unsecured(datagram, now)
             return datagram
-        heard = read_security(datagram)
+        heard = self._read(datagram)
         if heard.is_action or heard.is_discovery:
             return self._open_other(heard, now)
         publisher_id = heard.publisher_id
@@ -215,6 +255,35 @@ class Envelope:
             )  # a chunk could be joined with those of other keys
         return self._verified(heard, group, _ANY_MEMBER, now)
 
+    def _open_kept(self, datagram: bytes, now: float) -> bytes:
+        """Open an announcement that a broker has kept."""
+        heard = self._read(datagram)
+        if not heard.is_discovery or datagram[2] & IS_CHUNK:
+            raise DatagramRefused(Drop.RETAINED, heard, self._mode)
+        if heard.publisher_id == self._own_space:
+            raise DatagramRefused(Drop.LOOP, heard)
+        if self._mode is _NONE:
+            return datagram
+        if heard.mode < self._mode:
+            raise DatagramRefused(Drop.NOT_SECURED, heard, self._mode)
+        group = self._telemetry.get(heard.publisher_id) or self._meet(heard)
+        if now >= group.keyring.changes_at:
+            group.keyring.advance(now)
+        token = group.keyring.tokens.get(heard.token_id)
+        if token is None:
+            group.keyring.ask()
+            raise DatagramRefused(Drop.UNKNOWN_TOKEN, heard, self._mode, group.group_id)
+        try:
+            return token.key.unprotect(heard)
+        except RemoteWireError:
+            raise DatagramRefused(Drop.BAD_SIGNATURE, heard, self._mode, group.group_id) from None
+
+    def sending_token(self, now: float) -> int:
+        """The SecurityTokenId of what is sent now; 0 where there is none."""
+        group = self._groups.get(self._own_group)
+        token = None if group is None else group.keyring.sending(now)
+        return 0 if token is None else token.token_id
+
     def is_of_another(self, datagram: bytes, now: float) -> bool:
         """Whether data with our PublisherId may be another process's.
 
@@ -224,7 +293,7 @@ class Envelope:
         if self._mode is _NONE:
             return True
         try:
-            heard = read_security(datagram)
+            heard = self._read(datagram)
         except RemoteWireError:
             return False
         group = self._telemetry.get(self._own_space)
@@ -242,8 +311,9 @@ class Envelope:
         chunk = self._chunks.read(datagram)
         if chunk is None:
             return datagram
-        if chunk.publisher_id == self._own_space and not chunk.is_action:
-            raise DatagramRefused(Drop.LOOP, read_security(datagram))
+        sender = chunk if self._ids is None else self._ids.named(chunk)
+        if sender.publisher_id == self._own_space and not chunk.is_action:
+            raise DatagramRefused(Drop.LOOP, self._read(datagram))
         return self._reassembly.add(chunk, now)
 
     def _open_other(self, heard: SecuredDatagram, now: float) -> bytes | None:
@@ -289,7 +359,9 @@ class Envelope:
             if len(nonce) != NONCE_BYTES:
                 raise DatagramRefused(Drop.REPLAYED, heard, self._mode, group.group_id)
             space, number = _read_nonce(nonce)
-            if not token.windows.take(space if sender == _ANY_MEMBER else sender, number):
+            who = space if sender == _ANY_MEMBER else sender
+            is_carried = bool(self._siblings) and self._is_carried(group.group_id, heard.token_id, who, number)
+            if is_carried or not token.windows.take(who, number):
                 raise DatagramRefused(Drop.REPLAYED, heard, self._mode, group.group_id)
         if heard.force_key_reset:
             keyring.ask()
@@ -313,7 +385,7 @@ class Envelope:
             return self._groups.commands.get(publisher_id)
         if publisher_id == SERVER_SPACE and (space := self._setpoint_groups.get(message.writer_group_id or 0)):
             return self._groups.commands.get(space)
-        return self._groups.telemetry.get(publisher_id)
+        return self._groups.get(self._own_group) if self._is_relay else self._groups.telemetry.get(publisher_id)
 
     def _not_sent(self, message: SecuredDatagram, group: Group | None) -> list[bytes]:
         self._counters.drop(Drop.NO_KEY)
@@ -341,6 +413,8 @@ class Envelope:
 
         It ends before the last one where there is no key or no nonce any more.
         """
+        if self._ids is not None:
+            datagram = self._ids.outward(datagram)
         self._chunked = (self._chunked + 1) & 0xFFFF
         for chunk in split_one_by_one(datagram, self._most_bytes, self._chunked):
             sealed = self.seal(chunk, clock())

@@ -5,6 +5,9 @@ Each publishing process has two (OPC 10000-14 6.2.12): `t-<PublisherId>` for wha
 whose keys only it and its permitted requestors have. All WriterGroups of a publisher share them: they run in one
 process, which has one key for each purpose. SecurityTokenIds are not unique over groups, so a key is never chosen by
 its token alone.
+
+A relay has one, `r-<name>`, for what it forwards. A process that hears a publisher by a relay on a connection takes
+that group's key in place of the publisher's own there, and no other.
 """
 
 from __future__ import annotations
@@ -17,12 +20,12 @@ from ua_fleet.errors import LocalWireError
 from ua_fleet.pubsub.security.keyring import Keyring
 from ua_fleet.pubsub.security.nonces import NonceSequence
 
-__all__ = ["MOST_KEYLESS", "Group", "KeyGroups", "command_group", "telemetry_group"]
+__all__ = ["MOST_KEYLESS", "Group", "KeyGroups", "command_group", "is_group", "relay_group", "telemetry_group"]
 
 MOST_KEYLESS: Final = 256
 """Publishers that were heard and of which we have no key. Anybody can write any PublisherId."""
 
-_GROUP_ID: Final = re.compile(r"([tc])-(0|[1-9]\d{0,4})", re.ASCII)
+_GROUP_ID: Final = re.compile(r"([tc])-(0|[1-9]\d{0,4})|r-[A-Za-z][A-Za-z0-9_-]{0,61}", re.ASCII)
 
 
 def telemetry_group(publisher_id: int) -> str:
@@ -33,6 +36,17 @@ def telemetry_group(publisher_id: int) -> str:
 def command_group(publisher_id: int) -> str:
     """The group of the Actions of a responder, and of the setpoints for its robots."""
     return f"c-{publisher_id}"
+
+
+def relay_group(name: str) -> str:
+    """The group of what a relay forwards."""
+    return f"r-{name}"
+
+
+def is_group(group_id: str) -> bool:
+    """Whether this is the name of a SecurityGroup."""
+    found = _GROUP_ID.fullmatch(group_id)
+    return found is not None and int(found[2] or 0) <= 0xFFFF
 
 
 class Group:
@@ -76,21 +90,34 @@ class KeyGroups:
     def __iter__(self) -> Iterator[Group]:
         return iter(self._by_id.values())
 
+    def get(self, group_id: str) -> Group | None:
+        """The group of this name; None where it is not wanted."""
+        return self._by_id.get(group_id)
+
     def want(self, group_id: str) -> Group:
         """The group of this name, from now on among the wanted ones; raises LocalWireError for what is no name."""
-        found = _GROUP_ID.fullmatch(group_id)
-        if found is None or int(found[2]) > 0xFFFF:
-            raise LocalWireError(f"{group_id!r} is no SecurityGroup: they are called t-<space> and c-<space>")
-        publisher_id = int(found[2])
+        if not is_group(group_id):
+            raise LocalWireError(
+                f"{group_id!r} is no SecurityGroup: they are called t-<space>, c-<space> and r-<relay>"
+            )
+        kind, _, rest = group_id.partition("-")
+        publisher_id = None if kind == "r" else int(rest)
         group = self._by_id.get(group_id)
         if group is None:
             # A peer that cannot count its nonces may send data so; commands are never taken a second time.
-            is_relaxed = found[1] == "t" and publisher_id in self._relaxed
+            is_relaxed = kind == "t" and publisher_id is not None and publisher_id in self._relaxed
             group = self._by_id[group_id] = Group(group_id, self._past_keys, is_relaxed=is_relaxed)
-            (self.commands if found[1] == "c" else self.telemetry)[publisher_id] = group
-        if found[1] == "t":
+            if kind == "t":
+                self.telemetry.setdefault(publisher_id, group)  # unless a relay speaks for it
+            elif publisher_id is not None:
+                self.commands[publisher_id] = group
+        if kind == "t" and publisher_id is not None:
             self._keyless.pop(publisher_id, None)
         return group
+
+    def entrust(self, publisher_id: int, group_id: str) -> None:
+        """Take the data of a publisher under another group's keys, and no more under its own."""
+        self.telemetry[publisher_id] = self.want(group_id)
 
     def hear(self, publisher_id: int) -> Group | None:
         """The group of the data of a publisher that was heard, if it may have one.
@@ -99,7 +126,7 @@ class KeyGroups:
         """
         if not self._takes_all:
             return None
-        if len(self._keyless) >= MOST_KEYLESS:
+        if len(self._keyless) >= MOST_KEYLESS:  # none of them is one that a relay speaks for: that has a group
             oldest = next(iter(self._keyless))
             del self._keyless[oldest], self.telemetry[oldest], self._by_id[telemetry_group(oldest)]
         group = self.want(telemetry_group(publisher_id))

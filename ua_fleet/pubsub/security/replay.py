@@ -84,6 +84,15 @@ class ReplayWindow:
         bits[at] |= bit
         return True
 
+    def has(self, number: int) -> bool:
+        """Whether a number was taken, or may have been."""
+        page, place = divmod((number - 1) & _MASK, PAGE)
+        if (bits := self._pages.get(page)) is not None:
+            return bool(bits[place >> 3] & 1 << (place & 7))
+        closed = self._closed
+        is_closed = closed is not None and bool(closed[page >> 3] & 1 << (page & 7))
+        return is_closed or place in self._single.get(page, ())
+
     def _turn_to(self, page: int) -> bool:
         pages = self._pages
         bits = pages.pop(page, None)
@@ -126,6 +135,11 @@ class ReplayWindows:
     def __init__(self, *, is_unused: bool) -> None:
         self._is_unused = is_unused
         self._windows: dict[int, ReplayWindow] = {}
+
+    def has(self, sender: int, number: int) -> bool:
+        """Whether a number of a sender was taken."""
+        window = self._windows.get(sender)
+        return window is not None and window.has(number)
 
     def take(self, sender: int, number: int) -> bool:
         """Take a number of a verified message; False if that must not be taken."""

@@ -20,9 +20,11 @@ from ua_fleet.storage.files import write_whole
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.security import SecurityPolicy
 
-__all__ = ["GROUPS_FILE", "KeysNotKept", "load_groups", "save_groups"]
+__all__ = ["GROUPS_FILE", "PUSHED_FILE", "KeysNotKept", "load_groups", "save_groups"]
 
 GROUPS_FILE: Final = "security-groups.json"
+PUSHED_FILE: Final = "pushed-keys.json"
+"""The same for keys that others have made: they are never mixed."""
 VERSION: Final = 1
 
 

@@ -7,6 +7,7 @@ import math
 
 from ua_fleet.errors import KeySourceUnavailable, KeysRefused, UaFleetError
 from ua_fleet.pubsub.security.keyring import GroupKeys
+from ua_fleet.server.key_service.pushed import KeysNotPushed
 from ua_fleet.server.key_service.service import KeysDenied, KeyService
 from ua_fleet.server.key_service.store import GroupUnknown
 from ua_fleet.topics import SERVER_SPACE
@@ -35,7 +36,7 @@ class LocalKeySource:
         keys = self._service.keys_for_space
         try:
             return await asyncio.to_thread(keys, self._space, group_id, starting_token_id, count)
-        except (GroupUnknown, KeysDenied) as error:
+        except (GroupUnknown, KeysDenied, KeysNotPushed) as error:
             raise KeysRefused(group_id, str(error)) from error
         except UaFleetError as error:
             raise KeySourceUnavailable(str(error)) from error

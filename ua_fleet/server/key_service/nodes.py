@@ -2,6 +2,7 @@
 
 PublishSubscribe (i=14443)
   GetSecurityKeys (i=15215), GetSecurityGroup (i=15440)
+  SetSecurityKeys (i=17364)     where the keys are made elsewhere; then there are no Objects of groups
   SecurityGroups (i=15443)
     <group> : SecurityGroupType    SecurityGroupId, KeyLifetime, SecurityPolicyUri, MaxFutureKeyCount, MaxPastKeyCount,
                                    InvalidateKeys, ForceKeyRotation
@@ -28,13 +29,14 @@ from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.endpoint.node_builder import HAS_COMPONENT, HAS_PROPERTY, NodeBuilder
 from ua_fleet.endpoint.stack import AttributeIds, ObjectIds, Refusal, StatusCodes, ns0
 from ua_fleet.endpoint.users import Role, User, current_user
+from ua_fleet.server.key_service.pushed import Push
 from ua_fleet.server.key_service.service import KeyService
-from ua_fleet.server.key_service.store import GroupUnknown
 from ua_fleet.values import BuiltinType, QualifiedName
 
 __all__ = ["KeyServiceNodes"]
 
 _GET_KEYS: Final = ns0(ObjectIds.PublishSubscribe_GetSecurityKeys)
+_SET_KEYS: Final = ns0(ObjectIds.PublishSubscribe_SetSecurityKeys)
 _GET_GROUP: Final = ns0(ObjectIds.PublishSubscribe_GetSecurityGroup)
 _GROUPS: Final = ns0(ObjectIds.PublishSubscribe_SecurityGroups)
 _GROUP_TYPE: Final = ns0(ObjectIds.SecurityGroupType)
@@ -62,15 +64,19 @@ class KeyServiceNodes:
     async def build(self) -> None:
         """Make the nodes and let the Methods be called."""
         builder = NodeBuilder(self._server.iserver.aspace)
-        for group_id in self._service.group_ids:
-            self._add_group(builder, group_id)
-        self._add_changes(builder)
-        for method_id, call, rule in (
+        methods: list[tuple[ua.NodeId, Callable[..., Any], Callable[[User], bool]]] = [
             (_GET_KEYS, self._get_keys, _is_bridge),
             (_GET_GROUP, self._get_group, _is_bridge_or_engineer),
-            (_INVALIDATE, partial(self._change, self._service.invalidate), _is_engineer),
-            (_ROTATE, partial(self._change, self._service.rotate), _is_engineer),
-        ):
+        ]
+        if self._service.pushed_by is None:
+            for group_id in self._service.group_ids:
+                self._add_group(builder, group_id)
+            methods.append((_INVALIDATE, partial(self._change, self._service.invalidate), _is_engineer))
+            methods.append((_ROTATE, partial(self._change, self._service.rotate), _is_engineer))
+        else:
+            methods.append((_SET_KEYS, self._set_keys, self._may_push))
+        self._add_changes(builder)
+        for method_id, call, rule in methods:
             self._server.link_method(self._server.get_node(method_id), call)
             self._server.restrict_method(method_id, rule)
         self._server.context.secret_methods.add(_GET_KEYS)
@@ -128,10 +134,8 @@ class KeyServiceNodes:
     def _get_group(self, _parent: ua.NodeId, group: Any) -> list[ua.Variant]:
         """GetSecurityGroup (OPC 10000-14 8.3.3)."""
         group_id = group.Value or ""
-        try:
-            self._service.settings(group_id)
-        except GroupUnknown as error:
-            raise Refusal(StatusCodes.BadNoMatch) from error
+        if raw_id(f"SecurityGroups.{group_id}", self._namespace) not in self._groups:
+            raise Refusal(StatusCodes.BadNoMatch)
         user = _caller()
         if user.bridge and not self._service.access.bridge_may(user.bridge, group_id):
             raise Refusal(StatusCodes.BadUserAccessDenied)
@@ -144,8 +148,29 @@ class KeyServiceNodes:
             # The type has the Methods too, but no keys.
             raise Refusal(StatusCodes.BadNodeIdInvalid, "no SecurityGroup")
         await asyncio.to_thread(change, group_id)
-        await self._server.iserver.aspace.write_attribute_value(self._changes, AttributeIds.Value, self._count())
+        await self._tell_of_change()
         return []
+
+    async def _set_keys(self, _parent: ua.NodeId, *arguments: Any) -> list[ua.Variant]:
+        """SetSecurityKeys (OPC 10000-14 9.1.3.3)."""
+        group, policy, token, current, future, time_to_next_ms, lifetime_ms = [given.Value for given in arguments]
+        push = Push(
+            group or "",
+            policy or "",
+            int(token),
+            (current, *(future or ())),
+            time_to_next_ms / 1000,
+            lifetime_ms / 1000,
+        )
+        await asyncio.to_thread(self._service.push, push)
+        await self._tell_of_change()
+        return []
+
+    def _may_push(self, user: User) -> bool:
+        return not user.bridge and not user.anonymous and user.name == self._service.pushed_by
+
+    async def _tell_of_change(self) -> None:
+        await self._server.iserver.aspace.write_attribute_value(self._changes, AttributeIds.Value, self._count())
 
 
 def _caller() -> User:

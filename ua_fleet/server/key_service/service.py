@@ -17,7 +17,8 @@ from ua_fleet.endpoint.call_limit import CallLimit
 from ua_fleet.errors import UaFleetError
 from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.server.key_service.access import KeyAccess
-from ua_fleet.server.key_service.files import GROUPS_FILE, KeysNotKept, load_groups, save_groups
+from ua_fleet.server.key_service.files import GROUPS_FILE, PUSHED_FILE, KeysNotKept, load_groups, save_groups
+from ua_fleet.server.key_service.pushed import Push, PushedKeys
 from ua_fleet.server.key_service.store import GroupSettings, KeyStore
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.security import SecurityPolicy
@@ -70,16 +71,21 @@ class KeyService:
         keys = config.pubsub.keys
         self._wall_s = wall_s
         self._lock = threading.Lock()
-        path = state_dir / GROUPS_FILE
+        self.pushed_by = keys.pushed_by
+        """Name of the user who pushes the keys; None where they are made here."""
+        path = state_dir / (GROUPS_FILE if keys.pushed_by is None else PUSHED_FILE)
         settings = GroupSettings(SecurityPolicy.named(keys.policy), keys.lifetime_s, keys.future_keys, keys.past_keys)
         self._limit = CallLimit(len(self.access.group_ids), keys.lifetime_s)
-        self._store = KeyStore(
+        groups, kept, save = (
             dict.fromkeys(self.access.group_ids, settings),
             load_groups(path),
-            now=wall_s(),
-            token_bytes=token_bytes,
-            save=partial(save_groups, path),
+            partial(save_groups, path),
         )
+        self._store: KeyStore | PushedKeys
+        if keys.pushed_by is not None:
+            self._store = self._pushed = PushedKeys(groups, kept, save=save)
+        else:
+            self._store = self._made = KeyStore(groups, kept, now=wall_s(), token_bytes=token_bytes, save=save)
         self.changes = 0
         """How often keys have changed before their time, since the start."""
 
@@ -118,16 +124,32 @@ class KeyService:
     def invalidate(self, group_id: str) -> None:
         """InvalidateKeys (OPC 10000-14 8.4.2); raises GroupUnknown or KeysNotKept."""
         with self._lock:
-            self._store.invalidate(group_id, self._wall_s())
+            self._made.invalidate(group_id, self._wall_s())
             self.changes += 1
         _log.warning("keys made invalid", group=group_id)
 
     def rotate(self, group_id: str) -> None:
         """ForceKeyRotation (OPC 10000-14 8.4.3); raises GroupUnknown or KeysNotKept."""
         with self._lock:
-            self._store.rotate(group_id, self._wall_s())
+            self._made.rotate(group_id, self._wall_s())
             self.changes += 1
         _log.info("next key made current", group=group_id)
+
+    def push(self, push: Push) -> None:
+        """SetSecurityKeys (OPC 10000-14 9.1.3.3), of the user that may.
+
+        Raises:
+            TooManyKeyCalls: it has called too often.
+            GroupUnknown: there is no such group.
+            PushRefused: they are no keys of it.
+            KeysNotKept: they cannot be written down, and so they do not count.
+        """
+        if not self._limit.take(f"user:{self.pushed_by}", time.monotonic()):
+            raise TooManyKeyCalls("keys are pushed too often")
+        with self._lock:
+            self._pushed.push(push, self._wall_s())
+            self.changes += 1
+        _log.info("keys pushed", group=push.group_id, first_token=push.current_token_id, count=len(push.keys))
 
     def _get(self, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
         try:

@@ -23,7 +23,16 @@ from ua_fleet.pubsub.security.keyring import LIFETIMES_BEYOND, GroupKeys
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.security import SecurityPolicy
 
-__all__ = ["MAX_TOKEN_ID", "GroupSettings", "GroupState", "GroupUnknown", "KeyStore"]
+__all__ = [
+    "MAX_TOKEN_ID",
+    "GroupSettings",
+    "GroupState",
+    "GroupUnknown",
+    "KeyStore",
+    "SaveGroups",
+    "later_token_id",
+    "steps_between",
+]
 
 MAX_TOKEN_ID: Final = 0xFFFF_FFFF
 """After it comes 1: 0 is no SecurityTokenId (OPC 10000-14 8.3.2)."""
@@ -71,7 +80,7 @@ class GroupState:
     @property
     def current_token_id(self) -> int:
         """SecurityTokenId of the current key."""
-        return _later(self.first_token_id, self.current)
+        return later_token_id(self.first_token_id, self.current)
 
     @property
     def due(self) -> float:
@@ -79,12 +88,13 @@ class GroupState:
         return self.since + self.lifetime_s
 
 
-def _later(token_id: int, steps: int) -> int:
+def later_token_id(token_id: int, steps: int) -> int:
     """The SecurityTokenId that many keys later."""
     return (token_id - 1 + steps) % MAX_TOKEN_ID + 1
 
 
-def _steps(earlier: int, token_id: int) -> int:
+def steps_between(earlier: int, token_id: int) -> int:
+    """How many keys later a SecurityTokenId is."""
     return (token_id - earlier) % MAX_TOKEN_ID
 
 
@@ -138,7 +148,7 @@ class KeyStore:
                 fresh[group_id] = self._begin(wanted, 1, now)
             elif (state.policy, state.lifetime_s) != (wanted.policy, wanted.lifetime_s):
                 # Other settings make all keys invalid (OPC 10000-14 6.2.12.2).
-                fresh[group_id] = self._begin(wanted, _later(state.first_token_id, len(state.keys)), now)
+                fresh[group_id] = self._begin(wanted, later_token_id(state.first_token_id, len(state.keys)), now)
             elif (known := _after_absence(state, now)) is not None:
                 fresh[group_id] = self._moved(wanted, state, *known)
             elif (filled := self._filled(wanted, state)) is not state:
@@ -182,13 +192,13 @@ class KeyStore:
         state = self._groups[group_id]
         first = state.current
         if starting_token_id:
-            first = _steps(state.first_token_id, starting_token_id)
+            first = steps_between(state.first_token_id, starting_token_id)
             if first >= len(state.keys):
                 first = 0
         last = min(first + max(count, 1), state.current + settings.max_future_keys + 1)
         return GroupKeys(
             policy=state.policy,
-            first_token_id=_later(state.first_token_id, first),
+            first_token_id=later_token_id(state.first_token_id, first),
             keys=state.keys[first : max(last, first + 1)],
             time_to_next_key_s=min(max(state.due - now, 0.0), state.lifetime_s),
             key_lifetime_s=state.lifetime_s,
@@ -199,7 +209,7 @@ class KeyStore:
         settings = self.settings(group_id)
         self._advance(now)
         state = self._groups[group_id]
-        self._keep({group_id: self._begin(settings, _later(state.first_token_id, len(state.keys)), now)})
+        self._keep({group_id: self._begin(settings, later_token_id(state.first_token_id, len(state.keys)), now)})
 
     def rotate(self, group_id: str, now: float) -> None:
         """ForceKeyRotation: the next key becomes current before its time (8.4.3)."""
@@ -228,7 +238,7 @@ class KeyStore:
             settings,
             replace(
                 state,
-                first_token_id=_later(state.first_token_id, dropped),
+                first_token_id=later_token_id(state.first_token_id, dropped),
                 keys=state.keys[dropped:],
                 current=current - dropped,
                 since=since,

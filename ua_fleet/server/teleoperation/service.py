@@ -10,9 +10,7 @@ lease that a bridge still knows ends there by itself, and meanwhile its nodes sh
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
-import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -25,7 +23,6 @@ from ua_fleet.errors import LeaseRefused, RobotOffline, UaFleetError
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.nodes.teleoperation_nodes import STATUS_VARIABLES, drop_name, key_of
 from ua_fleet.operation.leases import EndedLease, HeldLease, HeldLeases
-from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.pubsub.events import (
     ActionReceived,
     DataReceived,
@@ -35,9 +32,8 @@ from ua_fleet.pubsub.events import (
     SourceStale,
     SubscriberEvent,
 )
-from ua_fleet.skill.executions import EXECUTION_ID_BYTES, OutcomeKind, RequestOutcome, named_results
-from ua_fleet.skill.journal import MemoryJournal
-from ua_fleet.skill.requestor import RequestPace
+from ua_fleet.server.asked_actions import AskedActions, refusal
+from ua_fleet.skill.executions import OutcomeKind, RequestOutcome, named_results
 from ua_fleet.teleoperation import Setpoint, State, Status, TeleoperationModel
 from ua_fleet.teleoperation.messages import (
     ACQUIRE,
@@ -49,7 +45,7 @@ from ua_fleet.teleoperation.messages import (
     read_status,
 )
 from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType, Quality, StatusCode, quality_of
+from ua_fleet.values import BuiltinType, StatusCode
 from ua_fleet.wire import Codec
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
@@ -57,8 +53,6 @@ __all__ = ["AcquireAnswer", "DrivingSession", "TeleoperationService"]
 
 INSTANCE: Final = "teleoperation"
 """Second part of the RequestorId: these requests are not those of skills, and stand in no journal."""
-ANSWER_S: Final = 2.0
-"""So long a bridge may take to answer. A Method has three seconds."""
 RELEASE_S: Final = 5.0
 """So long a bridge is asked to take a lease back; after that it has ended by silence."""
 MOST_REQUESTS: Final = 1000
@@ -110,6 +104,11 @@ class _Robot:
         self.told = ""
         """What others were told of who drives it."""
 
+    @property
+    def is_heard(self) -> bool:
+        """Whether its bridge says how it is; one that was never heard could not be seen to stop either."""
+        return self.status is not None and not self.is_silent
+
 
 class TeleoperationService:
     """See the module. The core calls `follow`, `receive`, `announced` and, in time, `poll`."""
@@ -152,21 +151,18 @@ class TeleoperationService:
         self._codec = Codec()
         self._leases = HeldLeases()
         self._drivers: dict[HeldLease, DrivingSession] = {}
-        self._asked: dict[bytes, Callable[[RequestOutcome], None]] = {}
-        self.commands = SkillCommands(
-            MemoryJournal(),
+        self._requests = AskedActions(
+            INSTANCE,
             send=send,
             want=want,
             sooner=sooner,
-            wall_ticks=wall_ticks,
             must_be_verified=must_be_verified,
-            instance=INSTANCE,
-            pace=RequestPace(),
-            told=self._told,
             clock=clock,
-            log=_log,
+            wall_ticks=wall_ticks,
             most_remembered=MOST_REQUESTS,
+            log=_log,
         )
+        self.commands = self._requests.commands
 
     # What the core brings.
 
@@ -231,7 +227,9 @@ class TeleoperationService:
             raise LeaseRefused(StatusCode.BAD_CONFIGURATION_ERROR, f"the bridge of {robot} answers what is no lease")
         number, counter, axes = granted
         names = [name for name, _ in model.axes]
-        gone = driver.gone()
+        # While it was asked its PubSubConnection can have been disabled, and then no end of the lease would be heard.
+        unheard = "" if known.is_heard else "nothing is heard of its bridge"
+        gone = driver.gone() or unheard
         if sorted(axes) != sorted(names) or gone:
             self._let_go(model, number, gone or "the server knows other axes")
         if gone:
@@ -336,7 +334,7 @@ class TeleoperationService:
         """Tell the bridge that nobody has a lease any more; where it is not heard, silence ends it."""
         arguments = {"Lease": number, "Reason": why}
         with contextlib.suppress(UaFleetError):
-            self._request(model, model.release, RELEASE, arguments, RELEASE_S, lambda _outcome: None)
+            self._requests.request(model.release, model.robot, RELEASE, arguments, RELEASE_S, lambda _outcome: None)
 
     def _over(self, ended: EndedLease | None) -> None:
         if ended is None:
@@ -357,55 +355,16 @@ class TeleoperationService:
     ) -> RequestOutcome:
         """Ask a bridge and wait for its answer, which is `unwanted` where it comes too late."""
         model = known.model
-        if known.is_silent:
+        if not known.is_heard:
             raise RobotOffline(f"the bridge of {model.robot} is silent; check that it runs")
-        answered: asyncio.Future[RequestOutcome] = asyncio.get_running_loop().create_future()
-
-        def told(outcome: RequestOutcome) -> None:
-            if answered.done():
-                unwanted(outcome)
-            else:
-                answered.set_result(outcome)
-
-        self._request(model, topic, name, arguments, ANSWER_S, told)
         try:
-            async with asyncio.timeout(ANSWER_S):
-                outcome = await answered
+            outcome = await self._requests.ask(topic, model.robot, name, arguments, unwanted=unwanted)
         except TimeoutError:
-            if answered.cancelled():
-                said = f"the bridge of {model.robot} does not answer; check that it runs"
-                raise LeaseRefused(StatusCode.BAD_TIMEOUT, said) from None
-            outcome = answered.result()
-        except asyncio.CancelledError:
-            if answered.done() and not answered.cancelled():
-                unwanted(answered.result())
-            raise
-        if outcome.kind is OutcomeKind.ACCEPTED and quality_of(outcome.report.status) is Quality.GOOD:
-            return outcome
-        status = outcome.report.status
-        code = status if status & _BAD else int(StatusCode.BAD_TIMEOUT)
-        raise LeaseRefused(code, outcome.report.message or f"the bridge of {model.robot} refuses it")
-
-    def _request(
-        self,
-        model: TeleoperationModel,
-        topic: Topic,
-        name: str,
-        arguments: Mapping[str, Any],
-        timeout_s: float,
-        told: Callable[[RequestOutcome], None],
-    ) -> None:
-        execution_id = secrets.token_bytes(EXECUTION_ID_BYTES)
-        self._asked[execution_id] = told
-        try:
-            self.commands.request(topic, model.robot, name, arguments, timeout_s, execution_id)
-        except UaFleetError:
-            del self._asked[execution_id]
-            raise
-
-    def _told(self, execution_id: bytes, outcome: RequestOutcome) -> None:
-        if (told := self._asked.pop(execution_id, None)) is not None:
-            told(outcome)
+            said = f"the bridge of {model.robot} does not answer; check that it runs"
+            raise LeaseRefused(StatusCode.BAD_TIMEOUT, said) from None
+        if (code := refusal(outcome)) is not None:
+            raise LeaseRefused(code, outcome.report.message or f"the bridge of {model.robot} refuses it")
+        return outcome
 
     def _unwanted(self, model: TeleoperationModel, outcome: RequestOutcome) -> None:
         """A lease was granted, and nobody waits for it any more."""

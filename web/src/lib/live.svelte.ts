@@ -8,7 +8,7 @@
 import { backoffMs } from './backoff';
 import { clock } from './clock.svelte';
 import { applyChange } from './entries';
-import type { ErrorBody, FromConsole, FromPage, Json, Link, Want } from './protocol';
+import type { ErrorBody, FeedChange, FromConsole, FromPage, Json, Link, Want } from './protocol';
 import { csrfToken, getMe, setCsrf } from './requests';
 import { t } from './texts';
 
@@ -25,9 +25,17 @@ const LOGGED_OUT = 4401;
 /** How a feed stands: nothing came yet, as the server has it, as it was, or refused. */
 export type FeedState = 'loading' | 'current' | 'old' | 'error';
 
+/** What is followed of one entry. */
+class Followed {
+  version = $state(0);
+}
+
 class Feed {
   readonly entries = new Map<string, Json>();
   version = $state(0);
+  #followed = new Map<string, Followed>();
+  /** Entries that somebody has read since the last message. */
+  #read = new Set<string>();
   /** Whether the map is the console's of this connection. */
   whole = $state(false);
   /** Whether it has ever been whole. */
@@ -39,6 +47,39 @@ class Feed {
     readonly id: string,
     readonly want: Want,
   ) {}
+
+  /** Have who asks follow one entry. Until the next message they follow all of them. */
+  follow(key: string): void {
+    const followed = this.#followed.get(key);
+    if (followed) void followed.version;
+    else {
+      this.#read.add(key);
+      void this.version;
+    }
+  }
+
+  /** Take what has changed, and say so to those who follow it. */
+  take(change: FeedChange): void {
+    if (change.error !== undefined) this.error = change.error;
+    applyChange(this.entries, change);
+    if (change.whole) {
+      this.whole = this.known = true;
+      for (const one of this.#followed.values()) one.version += 1;
+    } else {
+      for (const key of change.gone ?? []) this.#tell(key);
+      for (const key in change.set) this.#tell(key);
+      for (const key in change.part) this.#tell(key);
+    }
+    // Not where it is read: what is made there is not followed.
+    for (const key of this.#read) this.#followed.set(key, new Followed());
+    this.#read.clear();
+    this.version += 1;
+  }
+
+  #tell(key: string): void {
+    const one = this.#followed.get(key);
+    if (one) one.version += 1;
+  }
 }
 
 /** The WebSocket, the links of the console to the servers, and what is wanted of them. */
@@ -170,10 +211,7 @@ class Live {
       const feed = this.#byId.get(id);
       const change = message.feeds[id];
       if (!feed || !change) continue; // dropped meanwhile
-      if (change.error !== undefined) feed.error = change.error;
-      applyChange(feed.entries, change);
-      if (change.whole) feed.whole = feed.known = true;
-      feed.version += 1;
+      feed.take(change);
     }
     for (const [fleet, link] of Object.entries(message.links ?? {})) {
       if (link.state !== 'live') this.#age(fleet, message.feeds ?? {});
@@ -288,7 +326,8 @@ export class FeedView<T> {
 
   /** One entry. */
   get(key: string): T | undefined {
-    return this.entries.get(key);
+    this.#feed?.follow(key);
+    return this.#feed?.entries.get(key) as T | undefined;
   }
 
   /** Counts the messages, for what is not derived. */
@@ -303,6 +342,11 @@ export class FeedView<T> {
     const fleet = this.#fleet();
     if (feed.whole && fleet !== undefined && live.isLive(fleet)) return 'current';
     return feed.known ? 'old' : 'loading';
+  }
+
+  /** Whether anything was ever told: before that, no entries are not none. */
+  get known(): boolean {
+    return this.#feed?.known ?? false;
   }
 
   /** Whether what is shown is of now. */

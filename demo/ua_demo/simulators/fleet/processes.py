@@ -45,7 +45,8 @@ from ua_fleet.server.core import ServerCore
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.topics import SERVER_SPACE, Topic
-from ua_fleet.transport import Address, SealedSender
+from ua_fleet.transport.base import Address
+from ua_fleet.transport.sealed import SealedSender
 from ua_fleet.values import TICKS_PER_SECOND
 from ua_fleet.wire import Codec
 

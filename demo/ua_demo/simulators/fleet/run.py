@@ -32,7 +32,8 @@ from ua_fleet.resilience import ReplacementChosen
 from ua_fleet.scenario.facts import RunEnded, TaskAssigned, TaskOutcome, TaskOver
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.traffic import Traffic
-from ua_fleet.transport import MemoryEndpoint, SealedSender
+from ua_fleet.transport.memory import MemoryEndpoint
+from ua_fleet.transport.sealed import SealedSender
 from ua_fleet.wire import SecurityMode, SecurityPolicy
 
 __all__ = ["Failure", "Result", "simulate"]

@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
 from ua_fleet.topics import SERVER_SPACE
-from ua_fleet.transport import Address, MemoryEndpoint, MemoryNetwork
+from ua_fleet.transport.base import Address
+from ua_fleet.transport.memory import MemoryEndpoint, MemoryNetwork
 from ua_fleet.wire import read_security
 from ua_fleet.wire.header import MESSAGE_TYPE_BITS, MessageType
 

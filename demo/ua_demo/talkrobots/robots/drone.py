@@ -7,6 +7,7 @@ as it runs; a connection that is lost changes nothing in the air.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import socket
 import threading
 import time
@@ -23,8 +24,8 @@ BEAT_S: Final = 1.0
 class Drone:
     """The drone's program."""
 
-    def __init__(self, speed: float) -> None:
-        self._speed = speed
+    def __init__(self, name: str, speed: float) -> None:
+        self._name, self._speed = name, speed
         self._lock = threading.Lock()
         self._socket: socket.socket | None = None
         self._number, self._state, self._flying = 0, "unknown", "landed"
@@ -33,6 +34,10 @@ class Drone:
         """Do what one connection asks for, until it ends."""
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         with self._lock:
+            # A bridge that was cut off has left a connection that nobody ends: the newest one counts.
+            if self._socket is not None:
+                with contextlib.suppress(OSError):
+                    self._socket.shutdown(socket.SHUT_RDWR)
             self._socket = connection
         self._send("information", "flying_state", 0, self._flying)
         fields = connection.makefile("r", encoding="ascii", newline="\n")
@@ -45,7 +50,8 @@ class Drone:
             elif kind == "query":
                 self._tell(int(number))
         with self._lock:
-            self._socket = None
+            if self._socket is connection:
+                self._socket = None
 
     def _begin(self, skill: str, number: int) -> None:
         if skill not in SECONDS:
@@ -54,7 +60,7 @@ class Drone:
             self._send("status", "refused", number, f"it is {self._flying}")
         else:
             self._number, self._state = number, "running"
-            report("drone", f"begins {skill}", execution=number)
+            report(self._name, f"begins {skill}", execution=number)
             self._tell(number)
             threading.Thread(target=self._fly, args=(skill, number), daemon=True).start()
 
@@ -82,6 +88,12 @@ class Drone:
                     self._socket = None  # whoever connects next asks
 
 
+def serve_until_over(drone: Drone, connection: socket.socket) -> None:
+    """Serve a connection, however it ends."""
+    with connection, contextlib.suppress(OSError):
+        drone.serve(connection)
+
+
 def _beat() -> None:
     while True:
         beat()
@@ -93,19 +105,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (%(default)s)")
     parser.add_argument("--port", type=int, required=True)
+    parser.add_argument("--name", default="drone", help="as which it reports (%(default)s)")
     parser.add_argument("--speed", type=float, default=1.0)
     options = parser.parse_args()
-    drone = Drone(options.speed)
+    drone = Drone(options.name, options.speed)
     threading.Thread(target=_beat, name="heart", daemon=True).start()
     with socket.create_server((options.host, options.port)) as listener:
-        report("drone", "is ready")
+        report(options.name, "is ready")
         while True:
             connection, _ = listener.accept()
-            with connection:
-                try:
-                    drone.serve(connection)
-                except OSError:
-                    continue
+            threading.Thread(target=serve_until_over, args=(drone, connection), daemon=True).start()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the two testbeds consist of fits to what their fleets are."""
+"""What the testbeds consist of fits to what their fleets are."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from ua_demo.commands.testbed import Name
 from ua_demo.hand import ROBOT_TIMEOUT_S
-from ua_demo.testbed.plan import CONSOLE_PORT, CONSOLE_SETTINGS, TESTBEDS, Options
+from ua_demo.testbed.plan import CONSOLE_PORT, CONSOLE_SETTINGS, OPERATOR, TESTBEDS, Options
 
 from ua_fleet.config.load import load_content
 from ua_fleet.config.teleoperation import teleoperations
@@ -15,14 +15,14 @@ from ua_fleet.console.load import load_settings
 from ua_fleet.errors import ConfigError
 
 
-def test_the_command_line_knows_both() -> None:
+def test_the_command_line_knows_all() -> None:
     assert [name.value for name in Name] == list(TESTBEDS)
 
 
 @pytest.mark.parametrize("name", TESTBEDS)
 def test_each_bridge_has_a_volume(name: str) -> None:
     testbed = TESTBEDS[name]
-    config = load_content(testbed.files(Options())["fleet.yaml"].encode(), "fleet.yaml", {})
+    config = load_content(testbed.files(Options())["fleet.yaml"].encode(), "fleet.yaml", testbed.environment(OPERATOR))
     assert tuple(config.bridges) == testbed.bridges
     assert set(testbed.bridges) < set(testbed.volumes)
     assert {config.server.state_dir, *map(config.state_dir_of, config.bridges)} < {f"../{v}" for v in testbed.volumes}
@@ -32,7 +32,7 @@ def test_each_bridge_has_a_volume(name: str) -> None:
 def test_each_robot_is_a_program_that_is_there(name: str, robot: str) -> None:
     arguments, added = TESTBEDS[name].robot(robot, Options(speed=2))
     assert arguments[0] == "-m" or Path(arguments[0]).is_file()
-    if robot not in ("ur3", "conveyor"):
+    if robot not in ("ur3", "conveyor", "belt"):
         assert arguments[arguments.index("--speed") + 1] == "2"
     in_ros2 = {"human", "turtlebot3", "pioneer_1", "pioneer_2"}
     assert ("ROS_DOMAIN_ID" in added) is (robot in in_ros2)
@@ -42,14 +42,14 @@ def test_each_robot_is_a_program_that_is_there(name: str, robot: str) -> None:
 def test_the_console_has_settings_of_its_own_fleet(name: str, tmp_path: Path) -> None:
     testbed = TESTBEDS[name]
     files = testbed.files(Options())
-    config = load_content(files["fleet.yaml"].encode(), "fleet.yaml", {})
+    config = load_content(files["fleet.yaml"].encode(), "fleet.yaml", testbed.environment(OPERATOR))
     (tmp_path / "fleet").mkdir()
     path = tmp_path / "fleet" / CONSOLE_SETTINGS
     path.write_text(files[CONSOLE_SETTINGS])
     settings = load_settings(path, {})
-    assert {name: one.endpoint for name, one in settings.fleets.items()} == {
-        config.fleet.name: config.pubsub.keys.endpoint
-    }
+    endpoint = "opc.tcp://server:4840/ua_fleet"
+    assert {name: one.endpoint for name, one in settings.fleets.items()} == {config.fleet.name: endpoint}
+    assert config.pubsub.keys.endpoint == (endpoint if config.pubsub.keys.source == "service" else None)
     assert settings.state_dir is not None
     assert settings.state_dir.resolve() == tmp_path / "console"
     assert settings.listen == f"0.0.0.0:{CONSOLE_PORT}"
@@ -65,7 +65,7 @@ def test_some_robots_can_be_driven_by_hand(name: str, driven: list[str]) -> None
 
 def test_bridges_look_where_robots_are() -> None:
     testbed = TESTBEDS["talkrobots"]
-    config = load_content(testbed.files(Options())["fleet.yaml"].encode(), "fleet.yaml", {})
+    config = load_content(testbed.files(Options())["fleet.yaml"].encode(), "fleet.yaml", testbed.environment(OPERATOR))
     for number in (1, 2):
         _, added = testbed.robot(f"pioneer_{number}", Options())
         assert added["ROS_DOMAIN_ID"] == str(config.bridges[f"pioneer_{number}_bridge"].space)

@@ -138,7 +138,7 @@ def test_other_options_are_taken_the_next_time(tmp_path: Path) -> None:
     assert first.pubsub.security.value == second.pubsub.security.value == "sign_and_encrypt"
     assert not second.server.trust_all_clients
     assert second.modbus is not None
-    assert second.modbus.writers == ("10.9.8.192/26", "127.0.0.1")
+    assert second.modbus.writers == ("10.9.8.192/27", "127.0.0.1")
     states = {f"../{name}" for name in TESTBEDS["talkrobots"].bridges}
     assert {second.state_dir_of(name) for name in second.bridges} == states
 

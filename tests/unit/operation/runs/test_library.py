@@ -2,26 +2,73 @@
 
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 
 import pytest
 
+import ua_fleet.operation.runs.library as library_module
 from ua_fleet.errors import ScenarioError, ScenarioInvalid
+from ua_fleet.fleet.skills import SkillModel
 from ua_fleet.operation.runs.library import MOST_BYTES, Library, Listed, ScenarioUnknown, read_values
-from ua_fleet.scenario import FleetView, RobotView
+from ua_fleet.scenario import FleetView, RobotView, Scenario, Validation, validate
 
 GOOD = "version: 1\nname: good\ndescription: waits\nsteps:\n  - {wait: 1}\n"
 FLEET = FleetView({})
 
 
-def test_scenarios_are_listed_with_their_mistakes(tmp_path: Path) -> None:
+def test_scenarios_are_listed_with_what_is_wrong_with_them_for_the_fleet(tmp_path: Path) -> None:
     (tmp_path / "good.yaml").write_text(GOOD)
     (tmp_path / "bad.json").write_text('{"version": 1, "name": "bad"}')
+    (tmp_path / "bytes.yaml").write_bytes(b"\xff")
+    (tmp_path / "lost.yaml").write_text("version: 1\nname: lost\nsteps:\n  - {task: a, skill: go, robot: arm}\n")
     (tmp_path / "notes.txt").write_text("nothing")
     (tmp_path / "no name.yaml").write_text(GOOD)
-    assert Library(tmp_path).listed() == [Listed("bad", "", 1), Listed("good", "waits", 0)]
-    assert Library(tmp_path / "not_there").listed() == []
+    library = Library(tmp_path)
+    (tells,) = library.checked("lost", FLEET).problems
+    assert "there is no robot 'arm'" in str(tells)
+    bad, bytes_, good = Listed("bad", "", 1), Listed("bytes", "", 1), Listed("good", "waits", 0)
+    assert library.listed(FLEET) == [bad, bytes_, good, Listed("lost", "", 1)]
+    assert Library(tmp_path / "not_there").listed(FLEET) == []
+
+
+def test_a_list_has_what_is_so_now(tmp_path: Path) -> None:
+    """Of files that change without another size, and of a fleet that changes."""
+    file, library = tmp_path / "go.yaml", Library(tmp_path)
+    text = "version: 1\nname: go\nsteps:\n  - {task: a, skill: go, robot: arm}\n"
+    file.write_text(text)
+    assert library.listed(FLEET) == [Listed("go", "", 1)]
+    arm = RobotView("arm", skills={"go": SkillModel(1, "go")})
+    fleet = FleetView({"arm": arm})
+    assert library.listed(fleet) == [Listed("go", "", 0)]
+    times = file.stat()
+    file.write_text(text.replace("go, robot", "og, robot"))
+    os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
+    assert library.listed(fleet) == [Listed("go", "", 1)]
+    file.unlink()
+    assert library.listed(fleet) == []
+
+
+def test_a_list_checks_again_only_what_has_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    checked: list[str] = []
+
+    def noted(scenario: Scenario, fleet: FleetView, file: str = "") -> Validation:
+        checked.append(scenario.name)
+        return validate(scenario, fleet, file)
+
+    monkeypatch.setattr(library_module, "validate", noted)
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.yaml").write_text(GOOD.replace("good", name))
+    library = Library(tmp_path)
+    for _ in range(3):
+        assert [one.problems for one in library.listed(FLEET)] == [0, 0]
+    assert checked == ["one", "two"]
+    (tmp_path / "two.yaml").write_text(GOOD.replace("good", "two") + "  - {wait: 2}\n")
+    library.listed(FLEET)
+    assert checked == ["one", "two", "two"]
+    library.listed(FleetView({}))
+    assert checked == ["one", "two", "two", "one", "two"]
 
 
 def test_a_scenario_is_a_name_or_a_text(tmp_path: Path) -> None:

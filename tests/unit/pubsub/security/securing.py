@@ -58,11 +58,17 @@ def envelope(
     nonces: NonceReservations | None = None,
     seed: int | str = 0,
     counters: Counters | None = None,
+    random: int | None = None,
     **more: Any,
 ) -> Envelope:
     """An envelope that has got the keys of these groups at time 0; each group has its own."""
     made = Envelope(
-        space, counters or Counters(), mode=mode, nonces=nonces or MemoryNonces(), random=Random(space), **more
+        space,
+        counters or Counters(),
+        mode=mode,
+        nonces=nonces or MemoryNonces(),
+        random=Random(space if random is None else random),
+        **more,
     )
     for group_id in groups:
         made.want(group_id)

@@ -347,7 +347,7 @@ def test_probes_in_chunks_do_not_destroy_the_messages_of_others() -> None:
 
 @pytest.mark.parametrize("name", ["", "t-", "x-1", "t-01", "t-65536", "t--1", "c-1 ", "t-1\n"])
 def test_what_is_no_name_of_a_group(name: str) -> None:
-    with pytest.raises(LocalWireError, match="they are called t-<space> and c-<space>"):
+    with pytest.raises(LocalWireError, match="they are called t-<space>, c-<space> and r-<relay>"):
         envelope(0).want(name)
 
 

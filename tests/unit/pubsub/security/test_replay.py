@@ -41,6 +41,20 @@ def test_window(is_unused: bool, steps: list[tuple[int, bool]]) -> None:
     assert [(number, windows.take(0, number)) for number, _ in steps] == steps
 
 
+@settings(max_examples=200)
+@given(numbers=st.lists(NUMBERS, max_size=100), others=st.lists(NUMBERS, max_size=20))
+@example(numbers=[1 + PAGE * page for page in range(40)], others=[2, 2 + PAGE])
+def test_what_was_taken_is_known_and_of_what_was_not_only_closed_pages_are(
+    numbers: list[int], others: list[int]
+) -> None:
+    windows = ReplayWindows(is_unused=True)
+    taken = {number for number in numbers if windows.take(7, number)}
+    assert all(windows.has(7, number) for number in taken)
+    for number in set(others) - taken:
+        assert windows.has(7, number) is not windows.take(7, number)
+    assert not windows.has(8, 1)
+
+
 @settings(max_examples=300)
 @given(first=NUMBERS, is_unused=st.booleans(), numbers=st.lists(NUMBERS, max_size=200))
 @example(first=1, is_unused=True, numbers=[PAGE * page for page in range(40)] * 2)

@@ -6,24 +6,26 @@ const OFTEN: ReadonlySet<string> = new Set<keyof Robot>(['updated', 'marked']);
 
 export class Roster {
   #known = new Map<string, { told: Robot; kept: Robot }>();
-  #told: readonly Robot[] = [];
+  #told: Robot[] = [];
   #all: readonly Robot[] = [];
 
   /** All robots of a feed. The same array as before, and the same robots in it, where only what changes often has. */
   of(entries: ReadonlyMap<string, Robot>): readonly Robot[] {
-    const told = [...entries.values()];
-    const all: Robot[] = [];
-    let same = told.length === this.#all.length;
-    told.forEach((one, at) => {
-      const before = this.#all[at];
+    const before = this.#all;
+    let all: Robot[] | null = entries.size === before.length ? null : [];
+    let at = 0;
+    for (const one of entries.values()) {
+      const known = before[at];
       // Most are not in a message, and stand where they stood.
-      const kept = before && one === this.#told[at] ? before : this.#kept(one);
-      same &&= before === kept;
-      all.push(kept);
-    });
-    this.#told = told;
-    if (same) return this.#all;
-    if (this.#known.size > told.length) {
+      const kept = known && one === this.#told[at] ? known : this.#kept(one);
+      this.#told[at] = one;
+      if (!all && kept !== known) all = before.slice(0, at);
+      all?.push(kept);
+      at += 1;
+    }
+    if (!all) return before;
+    this.#told.length = at;
+    if (this.#known.size > at) {
       for (const name of this.#known.keys()) if (!entries.has(name)) this.#known.delete(name);
     }
     return (this.#all = all);

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { Robot } from './robots';
-import { agesOf, countsOf, linesOf, sameRows, selected, type Wish, wishOf } from './selection';
+import { agesOf, bridgesOf, countsOf, linesOf, sameRows, selected, type Wish, wishOf } from './selection';
 
 const robot = (name: string, state: Robot['state']['v'], more: Partial<Robot> = {}): Robot => ({
   name,
@@ -104,6 +104,21 @@ describe('robots', () => {
       'busy',
       'idle',
     ]);
+  });
+
+  it('stand in groups whose names differ by case alone, each by itself', () => {
+    const robots = [robot('a', 'idle', { bridge: 'Hall' }), robot('b', 'idle', { bridge: 'hall' })];
+    robots.push(robot('c', 'idle', { bridge: 'Hall' }));
+    expect(selected(robots, wish({ group: 'bridge' })).map((row) => row.key)).toEqual(['Hall/a', 'Hall/c', 'hall/b']);
+  });
+
+  it('have bridges, which are the same array until there is another', () => {
+    const robots = ['one', 'two', 'one'].map((bridge, at) => robot(`r${at}`, 'idle', { bridge }));
+    const bridges = bridgesOf([...robots, robot('free', 'idle', { bridge: '' })], []);
+    expect(bridges).toEqual(['one', 'two']);
+    expect(bridgesOf([...robots].reverse(), bridges)).toBe(bridges);
+    expect(bridgesOf(robots.slice(2), bridges)).toEqual(['one']);
+    expect(bridgesOf([...robots, robot('r', 'idle', { bridge: 'six' })], bridges)).toEqual(['one', 'six', 'two']);
   });
 
   it('are counted by what they are known to be', () => {

@@ -72,7 +72,12 @@ export type Ages = ReadonlyMap<string, number | null>;
 export function agesOf(robots: Iterable<Robot>, nowMs: number, before: Ages): Ages {
   const ages = new Map<string, number | null>();
   let same = true;
+  // Times are told in one form, in which the later one is the greater text: most need not be read. To the second, since
+  // of a whole one no parts are told.
+  const text = (at: number) => new Date(at).toISOString().slice(0, 19);
+  const [fresh, tomorrow] = [text(nowMs - (FRESH_S - 1) * 1000), text(nowMs + 86_400_000)];
   for (const { name, updated } of robots) {
+    if (updated && updated > fresh && updated < tomorrow) continue;
     const at = updated ? Date.parse(updated) : NaN;
     if (nowMs - at < FRESH_S * 1000) continue;
     const known = Number.isNaN(at) ? null : at;
@@ -82,16 +87,10 @@ export function agesOf(robots: Iterable<Robot>, nowMs: number, before: Ages): Ag
   return same && ages.size === before.size ? before : ages;
 }
 
-const TOLD: Record<Exclude<SortName, 'updated'>, (robot: Robot) => string | number | null> = {
-  name: (robot) => robot.name,
+const TOLD: Record<Exclude<SortName, 'name' | 'updated'>, (robot: Robot) => string | number | null> = {
   state: (robot) => STANDINGS.indexOf(standingOf(robot)),
   task: (robot) => robot.task || null,
   bridge: (robot) => robot.bridge || null,
-};
-
-const updatedBy = (ages: Ages) => (robot: Robot) => {
-  const at = ages.get(robot.name);
-  return at === undefined ? Infinity : at;
 };
 
 function groupsOf(robot: Robot, group: GroupName): string[] {
@@ -101,6 +100,9 @@ function groupsOf(robot: Robot, group: GroupName): string[] {
   return [''];
 }
 
+/** Names seldom change, so their order is kept; it has no more of them than were there at the last new one. */
+let ranked: ReadonlyMap<string, number> = new Map();
+
 /**
  * The robots that are wished for, sorted within their groups. Asked for of all robots whenever one of them changes.
  *
@@ -108,7 +110,8 @@ function groupsOf(robot: Robot, group: GroupName): string[] {
  */
 export function selected(robots: Iterable<Robot>, wish: Wish, ages: Ages = new Map()): Row[] {
   const words = wish.text.toLowerCase().split(/\s+/).filter(Boolean);
-  const rows: Row[] = [];
+  const groups = new Map<string, Row[]>();
+  let known = true;
   for (const robot of robots) {
     if (wish.state && !isLike(robot, wish.state)) continue;
     if (wish.bridge && robot.bridge !== wish.bridge) continue;
@@ -117,21 +120,43 @@ export function selected(robots: Iterable<Robot>, wish: Wish, ages: Ages = new M
       const text = textOf(robot);
       if (!words.every((word) => text.includes(word))) continue;
     }
-    if (!wish.group) rows.push(rowOf(robot, robot.name, ''));
-    else for (const group of groupsOf(robot, wish.group)) rows.push(rowOf(robot, `${group}/${robot.name}`, group));
+    known &&= ranked.has(robot.name);
+    for (const row of rowsOf(robot, wish.group)) {
+      const rows = groups.get(row.group);
+      if (rows) rows.push(row);
+      else groups.set(row.group, [row]);
+    }
   }
-  const names = nameRanks(rows);
-  const name = rows.map((row) => names.get(row.robot.name) ?? 0);
-  const told = wish.sort === 'updated' ? updatedBy(ages) : TOLD[wish.sort];
-  const by = wish.sort === 'name' ? name : toldRanks(rows.map((row) => told(row.robot)));
-  const group = wish.group ? groupRanks(rows, wish.group) : null;
+  if (!known) ranked = ranksOf([...groups.values()].flatMap((rows) => rows.map((row) => row.robot.name)));
+  // Each group by itself: in most of them the rows stand as they are to stand.
+  return groupsInOrder([...groups.keys()], wish.group).flatMap((group) => inOrder(groups.get(group) ?? [], wish, ages));
+}
+
+function groupsInOrder(names: string[], group: GroupName): string[] {
+  if (names.length < 2) return names;
+  const ranks = group === 'state' ? new Map<string, number>(STANDINGS.map((name, at) => [name, at])) : ranksOf(names);
+  return names.sort((a, b) => (ranks.get(a) ?? 0) - (ranks.get(b) ?? 0));
+}
+
+/** Rows of one group by what is wished, and by name where that is equal. */
+function inOrder(rows: Row[], wish: Wish, ages: Ages): Row[] {
+  const name = rows.map(({ robot }) => ranked.get(robot.name) ?? 0);
+  let by: readonly (number | null)[] = name;
+  if (wish.sort === 'updated') {
+    // Where all are fresh, all are equal.
+    if (ages.size) by = rows.map(({ robot }) => ages.get(robot.name) ?? (ages.has(robot.name) ? null : Infinity));
+  } else if (wish.sort !== 'name') {
+    const told = TOLD[wish.sort];
+    by = toldRanks(rows.map((row) => told(row.robot)));
+  }
+  const down = wish.down && (wish.sort !== 'updated' || by !== name);
   const compare = (a: number, b: number): number => {
-    if (group && group[a] !== group[b]) return (group[a] ?? 0) - (group[b] ?? 0);
     const [one, other] = [by[a] ?? null, by[b] ?? null];
-    if (one === null || other === null) {
-      const last = Number(one === null) - Number(other === null);
-      if (last) return last;
-    } else if (one !== other) return wish.down ? other - one : one - other;
+    if (one !== other) {
+      if (one === null) return 1;
+      if (other === null) return -1;
+      return down ? other - one : one - other;
+    }
     return (name[a] ?? 0) - (name[b] ?? 0);
   };
   // The console tells robots in the order of their names, mostly: then there is nothing to do.
@@ -142,15 +167,15 @@ export function selected(robots: Iterable<Robot>, wish: Wish, ages: Ages = new M
     .flatMap((at) => rows[at] ?? []);
 }
 
-const rowsKnown = new WeakMap<Robot, Row[]>();
+const rowsKnown = new WeakMap<Robot, Partial<Record<GroupName, Row[]>>>();
 
-/** The same row for the same robot, so that what has not changed is not looked at again. */
-function rowOf(robot: Robot, key: string, group: string): Row {
-  let rows = rowsKnown.get(robot);
-  if (!rows) rowsKnown.set(robot, (rows = []));
-  let row = rows.find((one) => one.key === key);
-  if (!row) rows.push((row = { key, group, robot }));
-  return row;
+/** The same rows for the same robot and groups, so that what has not changed is not looked at again. */
+function rowsOf(robot: Robot, by: GroupName): readonly Row[] {
+  let known = rowsKnown.get(robot);
+  if (!known) rowsKnown.set(robot, (known = {}));
+  return (known[by] ??= groupsOf(robot, by).map((group) => {
+    return { key: by ? `${group}/${robot.name}` : robot.name, group, robot };
+  }));
 }
 
 /** The rows of before, where they are the same. */
@@ -186,26 +211,17 @@ export function linesOf(rows: readonly Row[], across: number, grouped: boolean, 
   return all;
 }
 
-function groupRanks(rows: readonly Row[], group: GroupName): number[] {
-  const ranks =
-    group === 'state'
-      ? new Map<string, number>(STANDINGS.map((name, at) => [name, at]))
-      : ranksOf(rows.map((row) => row.group));
-  return rows.map((row) => ranks.get(row.group) ?? 0);
-}
-
 /** Texts by their order among each other. */
 function toldRanks(told: readonly (string | number | null)[]): (number | null)[] {
   const ranks = ranksOf(told.filter((one) => typeof one === 'string'));
   return told.map((one) => (typeof one === 'string' ? (ranks.get(one) ?? 0) : one));
 }
 
-let ranked: ReadonlyMap<string, number> = new Map();
-
-/** Names seldom change, so their order is kept; it has no more of them than were there at the last new one. */
-function nameRanks(rows: readonly Row[]): ReadonlyMap<string, number> {
-  if (!rows.every((row) => ranked.has(row.robot.name))) ranked = ranksOf(rows.map((row) => row.robot.name));
-  return ranked;
+/** The bridges that robots have, by name; the array of before where they are the same. */
+export function bridgesOf(robots: Iterable<Robot>, before: readonly string[]): readonly string[] {
+  const names = new Set<string>();
+  for (const { bridge } of robots) if (bridge) names.add(bridge);
+  return names.size === before.length && before.every((name) => names.has(name)) ? before : [...names].sort();
 }
 
 export interface Counts {

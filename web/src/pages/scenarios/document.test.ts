@@ -3,7 +3,8 @@ import { parseDocument } from 'yaml';
 import { type Block, blocksOf, freeTask, type List } from './document';
 import { editBetween } from './edits';
 import { commentsOf } from './meaning';
-import { destination, inserted, moved, pathAfter, removed } from './moves';
+import { destination, inserted, moved, pathAfter, pathThrough, removed } from './moves';
+import type { BlockEdit } from './reading';
 
 const TEXT = `# head
 version: 1   # one
@@ -173,6 +174,16 @@ describe('steps in brackets', () => {
   });
 });
 
+/** Each step is found after an edit where `pathThrough` says, and one that was taken away is not looked for. */
+function follows(text: string, after: string, edit: BlockEdit): void {
+  const there = new Map(blocks(after).map((one) => [one.path, `${one.kind} ${one.title} ${one.detail}`]));
+  for (const one of blocks(text)) {
+    const path = pathThrough(one.path, edit);
+    if (path !== null) expect(there.get(path)).toBe(`${one.kind} ${one.title} ${one.detail}`);
+    else expect(one.path.startsWith(edit.kind === 'remove' ? edit.path : '-')).toBe(true);
+  }
+}
+
 describe('whatever is moved, removed or inserted', () => {
   // Each edit of each text, and then each edit of what came of it.
   const texts = [
@@ -193,6 +204,7 @@ describe('whatever is moved, removed or inserted', () => {
           expect(parseDocument(after).errors).toEqual([]);
           const now = blocks(after).find((other) => other.path === pathAfter(one.path, list.path, at));
           if (after !== text) expect([now?.kind, now?.title]).toEqual([one.kind, one.title]);
+          follows(text, after, { kind: 'move', path: one.path, list: list.path, at });
           expect(comments(after)).toEqual(comments(text));
           expect([...stepsOf(after)].sort()).toEqual([...stepsOf(text)].sort());
           expect(words(after)).toEqual(words(text));
@@ -203,6 +215,7 @@ describe('whatever is moved, removed or inserted', () => {
         expect(parseDocument(without).errors).toEqual([]);
         expect(editBetween(text, without)?.insert).toBe('');
         expect(blocks(without)).toHaveLength(blocks(text).length - 1 - one.lists.flatMap(all).length);
+        follows(text, without, { kind: 'remove', path: one.path });
       }
     }
     for (const list of lists(text)) {
@@ -215,6 +228,7 @@ describe('whatever is moved, removed or inserted', () => {
         expect(words(edit?.insert ?? '')).toEqual(['new', 'skill:', 'task:', 'work']);
         const found = lists(after).find((other) => other.path === list.path);
         expect(found?.blocks[at]?.title).toBe('new');
+        follows(text, after, { kind: 'insert', list: list.path, at, step: '' });
       }
     }
   });

@@ -19,6 +19,7 @@ import {
 } from './document';
 import type { Edit } from './edits';
 import { ifKeepsComments, ifSays, listOf, meaningOf, type Plain, valueAt } from './meaning';
+import type { BlockEdit } from './reading';
 
 /** Where the steps of a list stand. */
 type Spot =
@@ -206,15 +207,30 @@ function moveValue(value: Plain, path: string, list: string, at: number): void {
   from.splice(numberOf(path) + (from === to && at <= numberOf(path) ? 1 : 0), 1);
 }
 
+/** A path after steps were put in (or, `by` below 0, taken away) at a place of a list. */
+function shifted(path: string, list: string, at: number, by: number): string {
+  if (!path.startsWith(`${list}/`)) return path;
+  const [next = '', ...rest] = path.slice(list.length + 1).split('/');
+  return Number(next) < at ? path : [list, Number(next) + by, ...rest].join('/');
+}
+
 /** The path that a step has after it was moved so. */
 export function pathAfter(path: string, list: string, at: number): string {
-  const from = parentOf(path);
-  const number = numberOf(path);
+  const [from, number] = [parentOf(path), numberOf(path)];
   if (from === list) return `${list}/${at > number ? at - 1 : at}`;
-  // Those behind it, and what is in them, have a lower number now.
-  const [next = '', ...rest] = list.startsWith(`${from}/`) ? list.slice(from.length + 1).split('/') : [];
-  const shifted = next && Number(next) > number ? [from, Number(next) - 1, ...rest].join('/') : list;
-  return `${shifted}/${at}`;
+  return `${shifted(list, from, number + 1, -1)}/${at}`;
+}
+
+/** The path that any step has after an edit; null: it was taken away. */
+export function pathThrough(path: string, edit: BlockEdit): string | null {
+  if (edit.kind === 'change') return path;
+  if (edit.kind === 'insert') return shifted(path, edit.list, edit.at, 1);
+  const taken = path === edit.path || path.startsWith(`${edit.path}/`);
+  if (taken && edit.kind === 'remove') return null;
+  const left = shifted(path, parentOf(edit.path), numberOf(edit.path) + 1, -1);
+  if (edit.kind === 'remove') return left;
+  const to = pathAfter(edit.path, edit.list, edit.at);
+  return taken ? to + path.slice(edit.path.length) : shifted(left, parentOf(to), numberOf(to), 1);
 }
 
 /** Where a step goes that is moved one place up or down, into the one before it, or out of the one around it. */

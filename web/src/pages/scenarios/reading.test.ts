@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { type Block, blocksOf, type List } from './document';
-import { answered, keptList } from './reading';
+import { answered, type BlockEdit, edited, keptList } from './reading';
 
 const TEXT = `name: line
 steps:
@@ -41,6 +41,30 @@ describe('what is asked of the reader', () => {
     }
     const answer = answered({ id: 2, name: 'blocksOf', given: [TEXT] });
     expect(structuredClone(answer)).toEqual(answer);
+  });
+});
+
+describe('an edit of blocks', () => {
+  const edits: [BlockEdit, string, string][] = [
+    [{ kind: 'move', path: 'steps/0', list: 'steps', at: 2 }, 'steps/1', 'a'],
+    [{ kind: 'insert', list: 'steps', at: 1, step: '{task: new, skill: work}' }, 'steps/1', 'new'],
+    [{ kind: 'remove', path: 'steps/1' }, 'steps/0', 'a'],
+    [{ kind: 'change', path: 'steps/0', changes: [{ key: 'task', value: 'first' }] }, 'steps/0', 'first'],
+  ];
+
+  it.each(edits)('is read in one with what is shown after it: %o', (edit, path, name) => {
+    const made = edited(TEXT, edit, path);
+    expect(made?.blocks).toEqual(blocksOf(made!.text));
+    expect(made?.fields?.said.get('task')?.text).toBe(name);
+    expect(structuredClone(answered({ id: 7, name: 'edited', given: [TEXT, edit, path] }))).toEqual({
+      id: 7,
+      found: made,
+    });
+  });
+
+  it('that cannot be made is none', () => {
+    expect(edited(TEXT, { kind: 'move', path: 'steps/1', list: 'steps/1/parallel', at: 0 }, 'steps/1')).toBe(null);
+    expect(edited(TEXT, { kind: 'remove', path: 'steps/9' }, 'steps/0')).toBe(null);
   });
 });
 

@@ -1,10 +1,47 @@
-/** What is read of a scenario's text beside its editor: a long one takes longer than a key may, so a worker does it. */
+/**
+ * What is read of a scenario's text beside its editor, and edits of its blocks, which read it several times: a long one
+ * takes longer than a key may, so a worker does it.
+ */
 import type { Answer } from '../../lib/worker';
 import { type Block, type Blocks, blocksOf, type List } from './document';
-import { type Fields, fieldsOf } from './fields';
+import { type Change, changed, type Fields, fieldsOf } from './fields';
+import { inserted, moved, removed } from './moves';
+
+export type BlockEdit =
+  | { kind: 'move'; path: string; list: string; at: number }
+  | { kind: 'insert'; list: string; at: number; step: string }
+  | { kind: 'remove'; path: string }
+  | { kind: 'change'; path: string; changes: readonly Change[] };
+
+/** A text that was edited, and what is read of it. */
+export interface Edited {
+  text: string;
+  blocks: Blocks;
+  /** Of the step at the path that was asked for. */
+  fields: Fields | null;
+}
+
+function textOf(text: string, edit: BlockEdit): string | null {
+  switch (edit.kind) {
+    case 'move':
+      return moved(text, edit.path, edit.list, edit.at);
+    case 'insert':
+      return inserted(text, edit.list, edit.at, edit.step);
+    case 'remove':
+      return removed(text, edit.path);
+    case 'change':
+      return changed(text, edit.path, edit.changes);
+  }
+}
+
+/** A text with an edit, after which the step at `path` is looked at; null: the edit cannot be made. */
+export function edited(text: string, edit: BlockEdit, path: string): Edited | null {
+  const now = textOf(text, edit);
+  return now === null ? null : { text: now, blocks: blocksOf(now), fields: fieldsOf(now, path) };
+}
 
 /** What can be asked of the reader, by name. */
-export const READING = { blocksOf, fieldsOf } as const;
+export const READING = { blocksOf, fieldsOf, edited } as const;
 
 export type Reading = typeof READING;
 export type ReadName = keyof Reading;
@@ -15,12 +52,12 @@ export interface Question<Name extends ReadName = ReadName> {
   given: Parameters<Reading[Name]>;
 }
 
-type Found = Blocks | Fields | null;
+type Found = ReturnType<Reading[ReadName]>;
 
 /** The answer to a question; what is thrown is an answer too. */
 export function answered({ id, name, given }: Question): Answer<Found> {
   try {
-    return { id, found: (READING[name] as (...all: string[]) => Found)(...given) };
+    return { id, found: (READING[name] as (...all: readonly unknown[]) => Found)(...given) };
   } catch (error) {
     return { id, failed: String(error) };
   }

@@ -1,3 +1,7 @@
+import type { Shown } from '../../lib/protocol';
+import { t } from '../../lib/texts';
+import { statusName } from '../../lib/value';
+
 /** The NodeIds that are watched, as the address of the page keeps them. */
 export const MOST_WATCHED = 50;
 
@@ -17,4 +21,10 @@ export function parseWatched(text: string): string[] {
 
 export function formatWatched(nodes: readonly string[]): string {
   return nodes.length ? JSON.stringify(nodes) : '';
+}
+
+/** The StatusCode of a value; one that is not of now is said to be that of before. */
+export function statusText(value: Shown | undefined, current: boolean): string {
+  if (!value) return '—';
+  return current ? statusName(value.s) : t('states.was', { state: statusName(value.s) });
 }

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import pytest
 from ua_demo.simulators.fleet.world import LATENCY_S, Route, World
 
-from ua_fleet.transport import Address, MemoryEndpoint
+from ua_fleet.transport.base import Address
+from ua_fleet.transport.memory import MemoryEndpoint
 from ua_fleet.wire import ActionMessage, ActionState, Codec, encode_action, encode_announcement, encode_probe
 from ua_fleet.wire.discovered import StatusAnnouncement
 from ua_fleet.wire.messages import DataSetMessage, FrameKind, NetworkMessage, Probe, ProbeKind

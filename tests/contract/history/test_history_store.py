@@ -1,0 +1,180 @@
+"""What every store of history does. A further kind of database is one more entry of STORES."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from ua_fleet.errors import StorageUnavailable
+from ua_fleet.history.recorder import Kept
+from ua_fleet.history.rows import EARLIEST, LATEST, ListSeries, Row
+from ua_fleet.history.store import HistoryStore, node_of, node_text
+from ua_fleet.storage.history_store import HISTORY_FILE, SqliteHistory
+from ua_fleet.values import TICKS_PER_SECOND, NodeId
+
+KEY, OTHER = NodeId(2, 1001), NodeId(2, "1002.pose.x")
+S = TICKS_PER_SECOND
+DAY = 86_400 * S
+NOW = 134_000_000_000_000_000
+DOUBLE, STRING = 11, 12
+HUGE = 2**40
+
+STORES: dict[str, Callable[[Path], HistoryStore]] = {"sqlite": lambda folder: SqliteHistory(folder / HISTORY_FILE)}
+
+
+@pytest.fixture(params=STORES)
+def opened(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], HistoryStore]:
+    make = STORES[request.param]
+    return lambda: make(tmp_path / "state")
+
+
+@pytest.fixture
+def store(opened: Callable[[], HistoryStore]) -> Iterator[HistoryStore]:
+    with contextlib.closing(opened()) as made:
+        yield made
+
+
+def row(second: float, value: object = None, kind: int = DOUBLE) -> Row:
+    return Row(NOW + int(second * S), 0, kind, float(second) if value is None else value)
+
+
+def numbers(key: NodeId, *seconds: float) -> list[Kept]:
+    return [(key, row(second)) for second in seconds]
+
+
+def all_of(store: HistoryStore, key: NodeId) -> list[Row]:
+    return store.series(key).between(EARLIEST, LATEST, 1_000_000)
+
+
+def tend(store: HistoryStore, now: int = NOW, days: float = 1e6, most_bytes: int = HUGE) -> None:
+    for _ in range(10_000):
+        if not store.tend(now, lambda _key: days, most_bytes):
+            return
+    raise AssertionError("it never has done all")
+
+
+def test_names_of_nodes_come_back() -> None:
+    for key in (KEY, OTHER, NodeId(4, "a;b=c;i=5")):
+        assert node_of(node_text(key)) == key
+
+
+def test_rows_come_back_in_their_order(store: HistoryStore) -> None:
+    mixed: list[Kept] = [
+        (KEY, row(1)),
+        (OTHER, row(1.5, "text", STRING)),
+        (KEY, Row(NOW + 2 * S, 0x8031_0000, 0, None)),
+    ]
+    store.write(mixed, NOW)
+    store.write([(KEY, row(3, (1.0, 2.0), DOUBLE | 0x80))], NOW)
+    assert all_of(store, KEY) == [row(1), Row(NOW + 2 * S, 0x8031_0000, 0, None), row(3, (1.0, 2.0), DOUBLE | 0x80)]
+    assert all_of(store, OTHER) == [row(1.5, "text", STRING)]
+    assert all_of(store, NodeId(2, 9)) == []
+    assert store.last_times() == {KEY: NOW + 3 * S, OTHER: NOW + int(1.5 * S)}
+
+
+def test_what_is_there_already_is_left_out(store: HistoryStore) -> None:
+    """So a batch of which nobody knows whether it was taken may be given again."""
+    store.write(numbers(KEY, 1, 2, 3), NOW)
+    store.write([*numbers(KEY, 2, 3), (KEY, row(3, 99.0)), *numbers(KEY, 4, 4)], NOW)
+    assert all_of(store, KEY) == [row(second) for second in (1, 2, 3, 4)]
+
+
+def test_it_is_there_after_a_restart(opened: Callable[[], HistoryStore]) -> None:
+    with contextlib.closing(opened()) as store:
+        secret = store.secret
+        assert store.stopped_at == 0
+        store.write(numbers(KEY, 1, 2), NOW + 5)
+        store.write([], NOW + 7)
+    with contextlib.closing(opened()) as store:
+        assert (store.secret, store.stopped_at) == (secret, NOW + 7)
+        assert len(secret) >= 16
+        assert store.last_times() == {KEY: NOW + 2 * S}
+        store.write(numbers(OTHER, 1), NOW)
+        store.write(numbers(KEY, 3), NOW)
+        assert all_of(store, KEY) == [row(second) for second in (1, 2, 3)]
+        assert all_of(store, OTHER) == [row(1)]
+
+
+def test_a_second_process_is_refused(opened: Callable[[], HistoryStore]) -> None:
+    with contextlib.closing(opened()), pytest.raises(StorageUnavailable, match="in use"):
+        opened()
+
+
+@pytest.mark.parametrize("compacted", [False, True])
+def test_any_part_of_it_is_read_in_both_directions(store: HistoryStore, compacted: bool) -> None:
+    random_ = random.Random(3)
+    rows = [row(second) for second in sorted(random_.sample(range(20_000), 4_500))]
+    for at in range(0, len(rows), 700):
+        store.write([(KEY, each) for each in rows[at : at + 700]], NOW)
+        if compacted:
+            tend(store)
+    expected, series = ListSeries(rows), store.series(KEY)
+    for _ in range(200):
+        first, last = (NOW + random_.randrange(-100, 20_100) * S for _ in range(2))
+        most, backward = random_.choice((1, 2, 999, 1_000, 1_001, 5_000)), random_.random() < 0.5
+        assert series.between(first, last, most, backward=backward) == expected.between(
+            first, last, most, backward=backward
+        )
+    assert series.between(EARLIEST, LATEST, 0) == []
+
+
+def test_compaction_makes_it_small(store: HistoryStore) -> None:
+    random_ = random.Random(5)
+    time, rows = NOW, list[Kept]()
+    for _ in range(50_000):
+        time += S // 10 + random_.randrange(-4_000, 4_000)
+        rows.append((KEY, Row(time, 0, DOUBLE, random_.gauss(20, 3))))
+    for at in range(0, len(rows), 2_500):
+        store.write(rows[at : at + 2_500], NOW)
+    tend(store)
+    assert all_of(store, KEY) == [each for _, each in rows]
+    assert store.used_bytes() / len(rows) <= 24
+
+
+def test_what_is_too_old_is_removed(store: HistoryStore) -> None:
+    for hour in range(0, 240, 2):
+        store.write(
+            [(key, Row(NOW + hour * DAY // 24 + n, 0, DOUBLE, 1.0)) for n in range(40) for key in (KEY, OTHER)], NOW
+        )
+    tend(store, NOW)
+    days = {KEY: 2.0, OTHER: 5.0}
+    now = NOW + 10 * DAY
+    while store.tend(now, lambda key: days[key], HUGE):
+        pass
+    for key, kept in days.items():
+        found = all_of(store, key)
+        assert found
+        assert found[-1].time == NOW + 238 * DAY // 24 + 39
+        # A block goes as a whole, so that a part of a day may stay for longer.
+        assert now - int(kept * DAY) - DAY <= found[0].time
+    store.write([(KEY, Row(now, 0, DOUBLE, 2.0))], now)
+    assert all_of(store, KEY)[-1].value == 2.0
+
+
+def test_the_oldest_goes_when_there_is_too_much(store: HistoryStore) -> None:
+    rows = [row(second, f"{second:0200}", STRING) for second in range(8_000)]
+    for at in range(0, len(rows), 1_000):
+        store.write([(KEY, each) for each in rows[at : at + 1_000]], NOW)
+    before = store.used_bytes()
+    tend(store, NOW + 9_000 * S, most_bytes=before // 2)
+    assert store.used_bytes() <= before // 2
+    found = all_of(store, KEY)
+    assert found == rows[-len(found) :]
+    assert len(found) > 1_000
+
+
+def test_blocks_that_span_a_large_part_of_the_time_go_too(store: HistoryStore) -> None:
+    random_ = random.Random(7)
+    rows = [row(second, random_.gauss(20, 3)) for second in range(6_000)]
+    store.write([(KEY, each) for each in rows], NOW)
+    tend(store)
+    most = store.used_bytes() * 3 // 4
+    tend(store, NOW + 9_000 * S, most_bytes=most)
+    assert store.used_bytes() <= most
+    found = all_of(store, KEY)
+    assert found == rows[-len(found) :]
+    assert 1_000 <= len(found) < len(rows)

@@ -1,0 +1,38 @@
+"""Authorities, and certificates that they have signed, for brokers with TLS."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+
+def openssl(*arguments: str | Path) -> None:
+    subprocess.run(["openssl", *map(str, arguments)], check=True, capture_output=True)
+
+
+def authority(folder: Path, name: str) -> None:
+    openssl(
+        *("req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={name}"),
+        *("-keyout", folder / f"{name}.key", "-out", folder / f"{name}.pem"),
+    )
+
+
+def certificate(folder: Path, name: str, by: str, address: str = "127.0.0.1") -> None:
+    """A key and a certificate that an authority has signed."""
+    (folder / "san").write_text(f"subjectAltName=IP:{address}\n")
+    openssl(
+        *("req", "-newkey", "rsa:2048", "-nodes", "-subj", f"/CN={name}"),
+        *("-keyout", folder / f"{name}.key", "-out", folder / f"{name}.csr"),
+    )
+    openssl(
+        *("x509", "-req", "-days", "2", "-in", folder / f"{name}.csr", "-extfile", folder / "san"),
+        *(
+            "-CA",
+            folder / f"{by}.pem",
+            "-CAkey",
+            folder / f"{by}.key",
+            "-CAcreateserial",
+            "-out",
+            folder / f"{name}.pem",
+        ),
+    )

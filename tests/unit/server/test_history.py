@@ -1,0 +1,194 @@
+"""The shell of history: what happens to values while the store is slow, away, or comes back."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+
+import pytest
+
+from tests.unit.config.test_history import SPEED, config_of
+from ua_fleet.config.history import HistoryRules
+from ua_fleet.config.nodes import fleet_model
+from ua_fleet.errors import StorageUnavailable
+from ua_fleet.fleet.changes import ValueChanged
+from ua_fleet.history.recorder import Kept
+from ua_fleet.history.rows import BAD_DATA_LOST, EARLIEST, LATEST, ListSeries, Series
+from ua_fleet.monitoring.mistakes import Mistakes
+from ua_fleet.server import history as shell
+from ua_fleet.server.history import HistoryService
+from ua_fleet.values import TICKS_PER_SECOND, NodeId
+
+S = TICKS_PER_SECOND
+
+
+class Store:
+    """A store in memory that can be away, or take its time."""
+
+    secret = b"secret"
+    stopped_at = 0
+
+    def __init__(self) -> None:
+        self.rows: list[Kept] = []
+        self.is_away = False
+        self.may_go_on = threading.Event()
+        self.may_go_on.set()
+        self.alive: list[int] = []
+        self.is_closed = False
+
+    def last_times(self) -> Mapping[NodeId, int]:
+        return {}
+
+    def write(self, batch: Sequence[Kept], now: int) -> None:
+        self.may_go_on.wait(30)
+        if self.is_away:
+            raise StorageUnavailable("history.db: the disk is full; free some space")
+        self.rows += batch
+        self.alive.append(now)
+
+    def series(self, key: NodeId) -> Series:
+        if self.is_away:
+            raise StorageUnavailable("history.db: the disk is full; free some space")
+        return ListSeries([row for owner, row in self.rows if owner == key])
+
+    def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
+        return False
+
+    def used_bytes(self) -> int:
+        return 0
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+class Clock:
+    """The server's time, which the tests move."""
+
+    def __init__(self) -> None:
+        self.second = 100.0
+
+    def __call__(self) -> int:
+        return int(self.second * S)
+
+
+@asynccontextmanager
+async def service(store: Store, clock: Clock) -> AsyncGenerator[HistoryService]:
+    config = config_of({})
+    rules = HistoryRules(config)
+    for robot in fleet_model(config).robots:
+        rules.add(robot)
+    made = HistoryService(store, ThreadPoolExecutor(1), rules, 2**40, Mistakes(), clock)
+    try:
+        yield made
+    finally:
+        await made.close()
+
+
+def give(history: HistoryService, clock: Clock, *values: float) -> None:
+    for value in values:
+        clock.second += 1
+        history.record(ValueChanged(SPEED, 11, value, 0, clock(), True))
+
+
+async def polled(history: HistoryService, clock: Clock, until: Callable[[], bool]) -> None:
+    """Poll as the core does, in a time that goes by itself."""
+    now = asyncio.get_running_loop().time()
+    for _ in range(2_000):
+        if until():
+            return
+        now += 1
+        history.poll(now)
+        deadline = history.next_deadline(now)
+        assert deadline is None or deadline >= 0
+        await asyncio.sleep(0.002)
+    raise AssertionError("it never is so")
+
+
+def values_in(series: Series) -> list[object]:
+    return [row.value for row in series.between(EARLIEST, LATEST, 1000)]
+
+
+async def test_values_are_stored_and_a_read_sees_those_that_wait() -> None:
+    store, clock = Store(), Clock()
+    async with service(store, clock) as history:
+        give(history, clock, 1.0, 2.0)
+        assert await history.look(SPEED, values_in) == [1.0, 2.0]
+        give(history, clock, 3.0)
+        await polled(history, clock, lambda: len(store.rows) == 3)
+        give(history, clock, 3.0)
+        assert (history.stored, history.waiting, history.problem) == (3, 0, "")
+    assert [row.value for _, row in store.rows] == [1.0, 2.0, 3.0, 3.0]  # the end of the flat part, at the end
+    assert store.is_closed
+
+
+async def test_the_store_is_told_that_the_server_lives() -> None:
+    store, clock = Store(), Clock()
+    async with service(store, clock) as history:
+        await polled(history, clock, lambda: len(store.alive) >= 2)
+        assert store.rows == []
+
+
+async def test_while_the_store_is_away_values_wait_and_what_is_too_much_is_marked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(shell, "MOST_WAITING", 3)
+    store, clock = Store(), Clock()
+    store.is_away = True
+    async with service(store, clock) as history:
+        give(history, clock, 1.0, 2.0)
+        await polled(history, clock, lambda: bool(history.problem))
+        assert "the disk is full" in history.problem
+        with pytest.raises(StorageUnavailable):
+            await history.look(SPEED, values_in)
+        give(history, clock, 3.0, 4.0, 5.0)
+        assert (history.waiting, history.lost) == (3, 2)
+        store.is_away = False
+        await polled(history, clock, lambda: history.stored == 3)
+        assert history.problem == ""
+        give(history, clock, 6.0)
+        await polled(history, clock, lambda: history.stored == 5)
+    rows = [row for _, row in store.rows]
+    assert [row.value for row in rows] == [1.0, 2.0, 3.0, None, 6.0]
+    assert (rows[3].status, rows[3].time) == (BAD_DATA_LOST, 104 * S)
+
+
+async def test_a_slow_store_holds_nobody_up() -> None:
+    store, clock = Store(), Clock()
+    async with service(store, clock) as history:
+        store.may_go_on.clear()
+        give(history, clock, 1.0)
+        history.poll(asyncio.get_running_loop().time() + 1)
+        give(history, clock, *range(2, 500))
+        assert history.waiting == 498
+        reading = asyncio.ensure_future(history.look(SPEED, values_in))
+        await asyncio.sleep(0.01)
+        assert not reading.done()
+        store.may_go_on.set()
+        assert len(await reading) == 499
+
+
+async def test_a_mistake_costs_a_row_and_not_the_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    store, clock = Store(), Clock()
+    async with service(store, clock) as history:
+
+        def fail(*_given: object) -> list[Kept]:
+            raise ZeroDivisionError
+
+        with monkeypatch.context() as patch:
+            patch.setattr("ua_fleet.history.recorder.Recorder.take", fail)
+            give(history, clock, 1.0)
+        give(history, clock, 2.0)
+        assert await history.look(SPEED, values_in) == [2.0]
+
+
+async def test_a_node_that_is_gone_is_not_recorded_twice() -> None:
+    store, clock = Store(), Clock()
+    async with service(store, clock) as history:
+        give(history, clock, 1.0)
+        history.forget([SPEED])
+        give(history, clock, 2.0)
+        found = await history.look(SPEED, lambda series: series.between(EARLIEST, LATEST, 10))
+        assert [(row.value, row.status) for row in found] == [(1.0, 0), (None, BAD_DATA_LOST), (2.0, 0)]

@@ -1,0 +1,111 @@
+"""The SQLite store beyond its contract: what can be wrong with its file, and a kill at any moment."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ua_fleet.errors import StorageUnavailable
+from ua_fleet.history.rows import EARLIEST, LATEST, Row
+from ua_fleet.storage import history_store
+from ua_fleet.storage.history_store import HISTORY_FILE, SqliteHistory
+from ua_fleet.values import NodeId
+
+KEY = NodeId(2, 1001)
+ROWS = [(KEY, Row(number, 0, 11, float(number))) for number in range(1, 6_000)]
+
+
+def full(path: Path) -> None:
+    with contextlib.closing(SqliteHistory(path)) as store:
+        store.write(ROWS, 9_000)
+        while store.tend(9_000, lambda _key: 1e6, 2**40):
+            pass
+
+
+def test_a_file_of_a_newer_version_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / HISTORY_FILE
+    full(path)
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA user_version=99")
+    with pytest.raises(StorageUnavailable, match="newer"):
+        SqliteHistory(path)
+
+
+def test_a_truncated_file_says_so(tmp_path: Path) -> None:
+    path = tmp_path / HISTORY_FILE
+    full(path)
+    path.write_bytes(path.read_bytes()[:20_000])
+    with pytest.raises(StorageUnavailable, match=r"broken|malformed"), contextlib.closing(SqliteHistory(path)) as store:
+        store.series(KEY).between(EARLIEST, LATEST, 10_000)
+
+
+def test_a_block_that_is_broken_costs_the_read_and_says_so(tmp_path: Path) -> None:
+    path = tmp_path / HISTORY_FILE
+    full(path)
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        connection.execute("UPDATE block SET data = substr(data, 1, 60) WHERE first = 1")
+        connection.commit()
+    with contextlib.closing(SqliteHistory(path)) as store:
+        with pytest.raises(StorageUnavailable, match="broken"):
+            store.series(KEY).between(EARLIEST, LATEST, 10_000)
+        assert store.series(KEY).between(1_500, LATEST, 10_000)[0].time == 1_500
+
+
+def test_a_compaction_that_failed_is_done_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(_rows: object) -> bytes:
+        raise StorageUnavailable("the disk is full")
+
+    path = tmp_path / HISTORY_FILE
+    with contextlib.closing(SqliteHistory(path)) as store:
+        store.write(ROWS, 9_000)
+        with monkeypatch.context() as broken:
+            broken.setattr(history_store, "encode_block", fails)
+            with pytest.raises(StorageUnavailable, match="full"):
+                store.tend(9_000, lambda _key: 1e6, 2**40)
+        while store.tend(9_000, lambda _key: 1e6, 2**40):
+            pass
+    with contextlib.closing(sqlite3.connect(path)) as connection:
+        assert connection.execute("SELECT count(*) FROM block").fetchone() == (4,)
+
+
+_WRITER = """
+import sys
+from pathlib import Path
+from ua_fleet.history.rows import Row
+from ua_fleet.storage.history_store import SqliteHistory
+from ua_fleet.values import NodeId
+store = SqliteHistory(Path(sys.argv[1]))
+key, number = NodeId(2, 1001), 0
+while True:
+    batch = [(key, Row(number + n + 1, 0, 11, float(number + n + 1))) for n in range(700)]
+    store.write(batch, number)
+    number += len(batch)
+    print(number, flush=True)
+    store.tend(number, lambda _key: 1e6, 2**40)
+"""
+
+
+@pytest.mark.parametrize("lines", [2, 3, 5, 9])
+def test_what_was_told_as_stored_is_there_after_a_kill(tmp_path: Path, lines: int) -> None:
+    """The process writes and compacts all the time; it is killed when it has told of so many batches."""
+    path = tmp_path / HISTORY_FILE
+    writer = subprocess.Popen([sys.executable, "-c", _WRITER, str(path)], stdout=subprocess.PIPE, text=True)
+    assert writer.stdout is not None
+    with writer, writer.stdout:
+        told = 0
+        for _ in range(lines):
+            told = int(writer.stdout.readline())
+        os.kill(writer.pid, signal.SIGKILL)
+        rest = writer.stdout.read().split()
+        told = max([told, *map(int, rest)])
+    with contextlib.closing(SqliteHistory(path)) as store:
+        found = store.series(KEY).between(EARLIEST, LATEST, 1_000_000)
+    assert [row.time for row in found] == list(range(1, len(found) + 1))
+    assert len(found) >= told

@@ -1,0 +1,158 @@
+"""Which values are kept: facts and their time in, rows out.
+
+    same as the kept one   -> held: kept at the end of the flat part, or once `at_least_each_s` has passed
+    another one            -> kept, after the one that is held; or, within `at_most_each_s`, due when that is over
+    another quality, type  -> kept at once, after what waits
+
+The times of a node's rows strictly increase. A row has the SourceTimestamp of its value. The server's time stands in
+its place where that is no later than the row before (the same value becomes Bad, since its robot is silent), or lies in
+the future (a robot's clock is wrong): a series in disorder could not be read.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Mapping
+from itertools import count
+from typing import Any, Final
+
+from ua_fleet.fleet.changes import ValueChanged
+from ua_fleet.history.rows import BAD_DATA_LOST, Row, is_number
+from ua_fleet.history.rules import Rule
+from ua_fleet.values import TICKS_PER_SECOND, NodeId
+
+__all__ = ["Kept", "Recorder"]
+
+Kept = tuple[NodeId, Row]
+"""A row to store, and whose it is."""
+MOST_AHEAD: Final = 60 * TICKS_PER_SECOND
+"""How far a robot's clock may be ahead of the server's."""
+
+
+class _Node:
+    """What is known of one node."""
+
+    __slots__ = ("after", "due", "held", "last", "rule")
+
+    def __init__(self, rule: Rule, after: int) -> None:
+        self.rule = rule
+        self.last: Row | None = None
+        """The row that was kept last by this process."""
+        self.after = after
+        """The time of the last row, whoever kept it."""
+        self.held: Row | None = None
+        """The last one that came since, and was not kept."""
+        self.due: int | None = None
+        """When that is to be kept, where it is another value."""
+
+
+class Recorder:
+    """Decides for all nodes of a server. Times are ticks of the wall clock."""
+
+    def __init__(
+        self, rule_of: Callable[[NodeId], Rule | None], before: Mapping[NodeId, int] | None = None, stopped_at: int = 0
+    ) -> None:
+        """Go on with what is stored.
+
+        Args:
+            rule_of: what is kept of a node; None where nothing is.
+            before: the time of the last row of each node that has any.
+            stopped_at: when the last process that recorded them was last alive. What happened after that is not known,
+                and marked so before the first row that follows.
+        """
+        self._rule_of = rule_of
+        self._before = dict(before or {})
+        self._stopped_at = stopped_at
+        self._nodes: dict[NodeId, _Node | None] = {}
+        self._due: list[tuple[int, int, NodeId]] = []
+        self._order = count()
+
+    def take(self, change: ValueChanged, wall: int) -> list[Kept]:
+        """The rows that a change of a node's value makes."""
+        key = change.key
+        node = self._nodes.get(key)
+        if node is None and (key in self._nodes or (node := self._first(key)) is None):
+            return []
+        row = Row(self._time(node, change.source_timestamp, wall), change.status, change.type, change.value)
+        last, rule = node.last, node.rule
+        if last is None:
+            return self._keep(key, node, [*self._gap(key, row.time), row])
+        if row.status != last.status or row.type != last.type:
+            return self._keep(key, node, [row] if node.held is None else [node.held, row])
+        if is_same(last, row, rule.deadband):
+            node.due, node.held = None, row
+            if rule.at_least_each_s and row.time - last.time >= rule.at_least_each_s * TICKS_PER_SECOND:
+                return self._keep(key, node, [row])
+            return []
+        if rule.at_most_each_s:
+            due = last.time + int(rule.at_most_each_s * TICKS_PER_SECOND)
+            if row.time < due:
+                node.held = row
+                if node.due is None:
+                    node.due = due
+                    heapq.heappush(self._due, (due, next(self._order), key))
+                return []
+            return self._keep(key, node, [row])
+        return self._keep(key, node, [row] if node.held is None else [node.held, row])
+
+    def poll(self, wall: int) -> list[Kept]:
+        """The rows of values that have waited for `at_most_each_s`."""
+        kept: list[Kept] = []
+        while self._due and self._due[0][0] <= wall:
+            due, _, key = heapq.heappop(self._due)
+            node = self._nodes.get(key)
+            if node is not None and node.due == due and node.held is not None:
+                kept += self._keep(key, node, [node.held])
+        return kept
+
+    def next_due(self) -> int | None:
+        """When `poll` is to be called next, or None."""
+        return self._due[0][0] if self._due else None
+
+    def finish(self) -> list[Kept]:
+        """The last value of each node that was not kept, at the end: until then nothing else had happened."""
+        kept: list[Kept] = []
+        for key, node in self._nodes.items():
+            if node is not None and node.held is not None:
+                kept += self._keep(key, node, [node.held])
+        return kept
+
+    def forget(self, key: NodeId) -> None:
+        """A node is gone. Should one with its id come again, it goes on behind its last row."""
+        node = self._nodes.pop(key, None)
+        if node is not None and node.after >= 0:
+            self._before[key] = node.after
+
+    def _first(self, key: NodeId) -> _Node | None:
+        rule = self._rule_of(key)
+        node = self._nodes[key] = None if rule is None else _Node(rule, self._before.get(key, -1))
+        return node
+
+    def _time(self, node: _Node, source_timestamp: int | None, wall: int) -> int:
+        last = node.after if node.held is None else node.held.time
+        if source_timestamp is not None and last < source_timestamp <= wall + MOST_AHEAD:
+            return source_timestamp
+        return max(wall, last + 1)
+
+    def _gap(self, key: NodeId, time: int) -> list[Row]:
+        """The mark that nothing is known from the end of the last process on, where a node has rows of it."""
+        before = self._before.pop(key, None)
+        if before is None:
+            return []
+        at = max(before + 1, self._stopped_at)
+        return [Row(at, BAD_DATA_LOST, 0, None)] if at < time else []
+
+    def _keep(self, key: NodeId, node: _Node, rows: list[Row]) -> list[Kept]:
+        node.last, node.after, node.held, node.due = rows[-1], rows[-1].time, None, None
+        return [(key, row) for row in rows]
+
+
+def is_same(last: Row, row: Row, deadband: float) -> bool:
+    """Whether a value is the one that was kept, within a deadband."""
+    before: Any = last.value
+    value: Any = row.value
+    if not is_number(row.type):
+        return bool(before == value)
+    if value != value or before != before:  # NaN is not itself, and yet the same again
+        return bool(value != value and before != before)
+    return bool(before == value or abs(value - before) <= deadband)

@@ -1,0 +1,82 @@
+"""What a store of history does: one for each kind of database, and one suite of tests for all.
+
+A store belongs to one process, and is called from one thread. Every method raises StorageUnavailable where the database
+does not do its part; what was not taken may be given again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
+
+from ua_fleet.history.recorder import Kept
+from ua_fleet.history.rows import Series
+from ua_fleet.values import NodeId
+
+__all__ = ["HistoryStore", "node_of", "node_text"]
+
+
+class HistoryStore(Protocol):
+    """A store."""
+
+    @property
+    def secret(self) -> bytes:
+        """What continuation points are signed with; as old as the store."""
+        ...
+
+    @property
+    def stopped_at(self) -> int:
+        """When the last process that wrote to it was last alive, in ticks; 0 where none was."""
+        ...
+
+    def last_times(self) -> Mapping[NodeId, int]:
+        """The time of the last row of each node that has any."""
+        ...
+
+    def write(self, batch: Sequence[Kept], now: int) -> None:
+        """Store rows: all are on the disk when it returns. A row that is not later than the last one of its node is
+        there already, and left out.
+
+        Args:
+            batch: the rows of each node in the order of their times.
+            now: the time, in ticks.
+        """
+        ...
+
+    def series(self, key: NodeId) -> Series:
+        """The rows of a node; none for one that is not known."""
+        ...
+
+    def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
+        """Do a small piece of what keeps the store small and quick: compact, or remove what is too old or too much.
+
+        Args:
+            now: the time, in ticks.
+            days_of: for how long the rows of a node are kept.
+            most_bytes: that the store may take.
+
+        Returns:
+            Whether there is more to do now.
+        """
+        ...
+
+    def used_bytes(self) -> int:
+        """Bytes that it takes."""
+        ...
+
+    def close(self) -> None:
+        """Give the database free. Safe to call twice."""
+        ...
+
+
+def node_text(key: NodeId) -> str:
+    """A NodeId as stores and continuation points name it."""
+    kind = "i" if isinstance(key.identifier, int) else "s"
+    return f"{key.namespace};{kind}={key.identifier!s}"
+
+
+def node_of(text: str) -> NodeId:
+    """The NodeId that `node_text` names."""
+    namespace, _, rest = text.partition(";")
+    kind, _, identifier = rest.partition("=")
+    return NodeId(int(namespace), int(identifier) if kind == "i" else identifier)

@@ -1,0 +1,267 @@
+"""The shell of history: values as they change, a thread with the store, and reads beside both.
+
+    core, clients' writes -> record -> Recorder -> Backlog -> (thread) HistoryStore
+    HistoryRead -> look -> (thread) the rows of a node
+
+The thread does one thing at a time, in its order. So a read sees what was recorded before it, and the database is
+nobody else's. A value never waits for the store: while that is slow or away, rows wait in the backlog, and what comes
+once it is full is counted and marked.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import structlog
+
+from ua_fleet.config.history import HistoryRules
+from ua_fleet.config.history_schema import MEGABYTE, HistoryConfig
+from ua_fleet.errors import StorageUnavailable
+from ua_fleet.fleet.changes import ValueChanged
+from ua_fleet.history.backlog import Backlog
+from ua_fleet.history.continuation import Continuations
+from ua_fleet.history.recorder import Kept, Recorder
+from ua_fleet.history.rows import Series
+from ua_fleet.history.store import HistoryStore
+from ua_fleet.monitoring.mistakes import Mistakes
+from ua_fleet.storage.history_store import HISTORY_FILE, SqliteHistory
+from ua_fleet.values import TICKS_PER_SECOND, NodeId, ticks_from_unix_ns
+
+__all__ = ["HistoryService", "open_history"]
+
+_log: Any = structlog.get_logger("ua_fleet.server")
+
+MOST_WAITING: Final = 100_000
+"""Rows that wait for the store, with some 30 MB."""
+WRITE_S: Final = 0.25
+"""Seconds from one commit to the next at least, but where somebody reads."""
+ALIVE_S: Final = 10.0
+"""How often the store is told that the server runs, where there is nothing else to write."""
+LONGEST_PAUSE_S: Final = 10.0
+"""Between two tries while the store is away."""
+CLOSING_S: Final = 5.0
+"""What the last commit may take."""
+
+Found = TypeVar("Found")
+
+
+def _wall() -> int:
+    return ticks_from_unix_ns(time.time_ns())
+
+
+async def open_history(
+    config: HistoryConfig, rules: HistoryRules, state_dir: Path, mistakes: Mistakes
+) -> HistoryService:
+    """Open the store of a server.
+
+    Raises:
+        StorageUnavailable: it cannot be used.
+    """
+    executor = ThreadPoolExecutor(1, thread_name_prefix="history")
+    try:
+        store = await asyncio.get_running_loop().run_in_executor(executor, SqliteHistory, state_dir / HISTORY_FILE)
+    except BaseException:
+        executor.shutdown()
+        raise
+    return HistoryService(store, executor, rules, int(config.megabytes * MEGABYTE), mistakes)
+
+
+class HistoryService:
+    """Records, and lets HistoryRead look; a `HistoryPart` of the core, and a `HistorySource` of the endpoint."""
+
+    def __init__(
+        self,
+        store: HistoryStore,
+        executor: ThreadPoolExecutor,
+        rules: HistoryRules,
+        most_bytes: int,
+        mistakes: Mistakes,
+        wall: Callable[[], int] = _wall,
+    ) -> None:
+        """Take over an open store.
+
+        Args:
+            store: used in the thread alone.
+            executor: has that thread, and no other.
+            rules: what is kept.
+            most_bytes: that the store may take.
+            mistakes: counts what has cost a row.
+            wall: the time.
+        """
+        self._store, self._executor, self._most_bytes = store, executor, most_bytes
+        self.rules = rules
+        self._mistakes, self._wall = mistakes, wall
+        self._loop = asyncio.get_running_loop()
+        self._recorder = Recorder(rules.of, store.last_times(), store.stopped_at)
+        self._backlog = Backlog(MOST_WAITING)
+        self._points = Continuations(store.secret)
+        self._writing: asyncio.Future[None] | None = None
+        self._tending: asyncio.Future[bool] | None = None
+        self._next_write = self._next_tend = 0.0
+        self._pause_s = 0.0
+        self._is_closed = False
+        self.sooner: Callable[[], None] = lambda: None
+        """Called when `poll` is to be called sooner than was said."""
+        self.problem = ""
+        """Why nothing is stored; empty while rows are."""
+        self.stored = 0
+        """Rows since the start."""
+
+    @property
+    def lost(self) -> int:
+        """Rows that came while the backlog was full."""
+        return self._backlog.lost
+
+    @property
+    def waiting(self) -> int:
+        """Rows that are not stored yet."""
+        return len(self._backlog)
+
+    # The core's part.
+
+    def record(self, change: ValueChanged) -> None:
+        """Keep a value, if it is to be kept."""
+        try:
+            kept = self._recorder.take(change, self._wall())
+        except Exception as error:  # noqa: BLE001 - the value is shown all the same
+            self._mistakes.caught("history", error, node=str(change.key))
+            return
+        if kept:
+            self._add(kept)
+
+    def forget(self, keys: Iterable[NodeId]) -> None:
+        """These nodes are gone; what is stored of them stays for as long as it was to."""
+        for key in keys:
+            self._recorder.forget(key)
+
+    def poll(self, now: float) -> None:
+        """Begin to write what waits, or to tend the store, if it is time."""
+        if self._is_closed:
+            return
+        if due := self._recorder.poll(self._wall()):
+            self._add(due)
+        if self._writing is not None or self._tending is not None or now < self._next_write:
+            return
+        if len(self._backlog) or now >= self._next_write + ALIVE_S:
+            self._write(now)
+        elif now >= self._next_tend:
+            self._tend(now)
+
+    def next_deadline(self, now: float) -> float | None:
+        """When `poll` is to be called next."""
+        if self._is_closed:
+            return None
+        times = [] if self._writing is not None or self._tending is not None else [self._next_store()]
+        if (due := self._recorder.next_due()) is not None:
+            times.append(now + max(0, due - self._wall()) / TICKS_PER_SECOND)
+        return min(times, default=None)
+
+    def _next_store(self) -> float:
+        if len(self._backlog):
+            return self._next_write
+        return max(self._next_write, min(self._next_tend, self._next_write + ALIVE_S))
+
+    def _add(self, kept: list[Kept]) -> None:
+        was_empty = not len(self._backlog)
+        self._backlog.add(kept)
+        if was_empty:
+            self.sooner()
+
+    # The thread.
+
+    def _write(self, now: float) -> asyncio.Future[None]:
+        """Have the whole backlog stored in one commit: what fails goes back to where it was."""
+        batch, wall = self._backlog.take(MOST_WAITING), self._wall()
+        self._next_write = now + WRITE_S
+        writing = self._loop.run_in_executor(self._executor, self._store.write, batch, wall)
+        self._writing = writing
+
+        def done(written: asyncio.Future[None]) -> None:
+            self._writing = None
+            error = None if written.cancelled() else written.exception()
+            if error is None and not written.cancelled():
+                self.stored += len(batch)
+                self._has_worked()
+            else:
+                self._backlog.restore(batch)
+                self._has_failed(error)
+            self.sooner()
+
+        writing.add_done_callback(done)
+        return writing
+
+    def _tend(self, now: float) -> None:
+        wall = self._wall()
+        tending = self._loop.run_in_executor(
+            self._executor, self._store.tend, wall, self.rules.days_of, self._most_bytes
+        )
+        self._tending = tending
+        self._next_tend = now + 1.0
+
+        def done(tended: asyncio.Future[bool]) -> None:
+            self._tending = None
+            error = None if tended.cancelled() else tended.exception()
+            if error is not None:
+                self._has_failed(error)
+            elif not tended.cancelled() and tended.result():
+                self._next_tend = 0.0
+            self.sooner()
+
+        tending.add_done_callback(done)
+
+    def _has_worked(self) -> None:
+        if self.problem:
+            _log.info("history is stored again", lost=self.lost)
+        self.problem, self._pause_s = "", 0.0
+
+    def _has_failed(self, error: BaseException | None) -> None:
+        self._pause_s = min(max(1.0, 2 * self._pause_s), LONGEST_PAUSE_S)
+        self._next_write = self._loop.time() + self._pause_s
+        if error is not None and not isinstance(error, StorageUnavailable):
+            self._mistakes.caught("history", error if isinstance(error, Exception) else RuntimeError(str(error)))
+        reason = str(error) if isinstance(error, StorageUnavailable) else "a mistake, see the log"
+        if not self.problem:
+            _log.warning("history is not stored; values wait, and are stored later", reason=reason)
+        self.problem = f"history: {reason}"
+
+    # The endpoint's source.
+
+    @property
+    def continuations(self) -> Continuations:
+        """What makes continuation points."""
+        return self._points
+
+    def is_stepped(self, key: NodeId) -> bool | None:
+        """Whether a node's value holds until the next one; None for a node without a history."""
+        return self.rules.is_stepped(key)
+
+    async def look(self, key: NodeId, work: Callable[[Series], Found]) -> Found:
+        """Do work on the rows of a node in the thread; raises StorageUnavailable."""
+        if self._is_closed:
+            raise StorageUnavailable("the server ends")
+        while self._writing is not None:
+            await asyncio.wait([self._writing])
+        if len(self._backlog) and not self.problem:
+            await asyncio.wait([self._write(self._loop.time())])
+        return await self._loop.run_in_executor(self._executor, lambda: work(self._store.series(key)))
+
+    async def close(self) -> None:
+        """Store what waits, and give the store free."""
+        self._is_closed = True
+        while self._writing is not None:
+            await asyncio.wait([self._writing])
+        self._backlog.add(self._recorder.finish())
+        with suppress(StorageUnavailable, TimeoutError):
+            await asyncio.wait_for(asyncio.shield(self._write(self._loop.time())), CLOSING_S)
+        if len(self._backlog):
+            _log.warning("history ends with values that were not stored", count=len(self._backlog))
+        closing = self._loop.run_in_executor(self._executor, self._store.close)
+        done, _ = await asyncio.wait([closing], timeout=CLOSING_S)
+        # A disk that does not answer must not keep the process: its end takes the thread along.
+        self._executor.shutdown(wait=bool(done))

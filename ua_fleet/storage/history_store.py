@@ -1,0 +1,258 @@
+"""History in one SQLite file: rows first, then blocks of a thousand.
+
+Rows are written as they come, a batch in one commit. Once a node has two thousand of them, the older half becomes a
+block, which takes a fifth of the space and is read in one piece. Both are in one order: each row is later than the
+blocks of its node.
+"""
+
+from __future__ import annotations
+
+import secrets
+import struct
+import zlib
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+from ua_fleet.errors import RemoteWireError, StorageUnavailable
+from ua_fleet.history.blocks import decode_block, decode_value, encode_block, encode_value
+from ua_fleet.history.recorder import Kept
+from ua_fleet.history.rows import EARLIEST, LATEST, Row
+from ua_fleet.history.store import node_of, node_text
+from ua_fleet.storage.database import Database, Run, Statement
+from ua_fleet.values import TICKS_PER_SECOND, NodeId
+
+__all__ = ["HISTORY_FILE", "SqliteHistory"]
+
+HISTORY_FILE: Final = "history.db"
+VERSION: Final = 1
+BLOCK_ROWS: Final = 1_000
+_CACHED: Final = 16
+"""Blocks that are kept decoded: pages and calculations go through them piece by piece."""
+_SLICE: Final = 100
+"""Nodes whose age is looked at in one piece of work."""
+_DAY: Final = 86_400 * TICKS_PER_SECOND
+_FREED_PAGES: Final = 2_000
+"""Pages that are given back to the disk at once: 8 MB."""
+_SCHEMA: Final = (
+    "CREATE TABLE meta (name TEXT PRIMARY KEY, value BLOB) WITHOUT ROWID",
+    "CREATE TABLE node (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE)",
+    "CREATE TABLE row (node INTEGER, time INTEGER, status INTEGER, value BLOB, PRIMARY KEY (node, time)) WITHOUT ROWID",
+    "CREATE TABLE block (node INTEGER, first INTEGER, last INTEGER, data BLOB, PRIMARY KEY (node, first))",
+    "CREATE INDEX block_by_age ON block (last)",
+)
+_INSERT_ROW: Final = "INSERT INTO row (node, time, status, value) VALUES (?, ?, ?, ?)"
+_ROWS: Final = (
+    "SELECT time, status, value FROM row WHERE node = ? AND time BETWEEN ? AND ? ORDER BY time LIMIT ?",
+    "SELECT time, status, value FROM row WHERE node = ? AND time BETWEEN ? AND ? ORDER BY time DESC LIMIT ?",
+)
+_BLOCKS: Final = (
+    "SELECT first FROM block WHERE node = ? AND first <= ? AND last >= ? ORDER BY first",
+    "SELECT first FROM block WHERE node = ? AND first <= ? AND last >= ? ORDER BY first DESC",
+)
+"""Forward and backward."""
+_ALIVE: Final = "INSERT OR REPLACE INTO meta (name, value) VALUES ('alive', ?)"
+_BROKEN: Final = (RemoteWireError, zlib.error, struct.error, ValueError, KeyError, IndexError)
+
+
+class SqliteHistory:
+    """The default store; see `HistoryStore`."""
+
+    def __init__(self, path: Path) -> None:
+        """Open a file, or make it."""
+        self.path = path
+        self._database = Database(
+            path,
+            version=VERSION,
+            schema=_SCHEMA,
+            fill=_fill,
+            settings=("PRAGMA auto_vacuum=INCREMENTAL", "PRAGMA cache_size=-8000"),
+            is_checked=False,  # a file of a gigabyte would be read for seconds
+        )
+        try:
+            self._read_all()
+        except BaseException:
+            self._database.close()
+            raise
+
+    def _read_all(self) -> None:
+        """What is kept in memory: the nodes, and for each its last time and the number of its rows."""
+        meta: dict[str, bytes] = dict(self._database.read("SELECT name, value FROM meta"))
+        self.secret = bytes(meta["secret"])
+        self.stopped_at = int(meta.get("alive", 0))
+        self._ids: dict[NodeId, int] = {
+            node_of(name): number for number, name in self._database.read("SELECT id, name FROM node")
+        }
+        self._last: dict[int, int] = dict(self._database.read("SELECT node, max(last) FROM block GROUP BY node"))
+        self._counts: dict[int, int] = {}
+        for node, count, last in self._database.read("SELECT node, count(*), max(time) FROM row GROUP BY node"):
+            self._counts[node] = count
+            self._last[node] = last
+        self._decoded: OrderedDict[tuple[int, int], list[Row]] = OrderedDict()
+        self._large: list[int] = [node for node, count in self._counts.items() if count >= 2 * BLOCK_ROWS]
+        """Nodes with enough rows for a block."""
+        self._aged: list[NodeId] = []
+        """Nodes whose age is yet to be looked at in this round."""
+        self._next_round = 0
+
+    def last_times(self) -> dict[NodeId, int]:
+        """The time of the last row of each node that has any."""
+        return {key: self._last[number] for key, number in self._ids.items() if number in self._last}
+
+    def write(self, batch: Sequence[Kept], now: int) -> None:
+        """Store rows in one commit."""
+        statements: list[Statement] = []
+        ids, last, counts = dict[NodeId, int](), dict[int, int](), dict[int, int]()
+        for key, row in batch:
+            number = self._ids.get(key) or ids.get(key)
+            if number is None:
+                number = ids[key] = len(self._ids) + len(ids) + 1
+                statements.append(("INSERT INTO node (id, name) VALUES (?, ?)", (number, node_text(key))))
+            if row.time <= last.get(number, self._last.get(number, -1)):
+                continue  # it is there: the commit was made, and only its answer was not
+            last[number] = row.time
+            counts[number] = counts.get(number, 0) + 1
+            statements.append((_INSERT_ROW, (number, row.time, row.status, encode_value(row))))
+        self._database.commit(*statements, (_ALIVE, (now,)))
+        self._ids |= ids
+        self._last |= last
+        for number, count in counts.items():
+            before = self._counts.get(number, 0)
+            self._counts[number] = before + count
+            if before < 2 * BLOCK_ROWS <= before + count:
+                self._large.append(number)
+
+    def series(self, key: NodeId) -> SqliteSeries:
+        """The rows of a node."""
+        return SqliteSeries(self, self._ids.get(key, 0))
+
+    def used_bytes(self) -> int:
+        """Bytes of the pages that hold something."""
+        [(pages,)], [(free,)], [(size,)] = [
+            self._database.read(f"PRAGMA {name}") for name in ("page_count", "freelist_count", "page_size")
+        ]
+        return int((pages - free) * size)
+
+    def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
+        """Compact a node, or look at the age of some."""
+        if self._large:
+            self._compact(self._large.pop())
+            return True
+        if not self._aged:
+            if now < self._next_round:
+                return False
+            self._next_round = now + 60 * TICKS_PER_SECOND
+            self._aged = list(self._ids)
+            # Once more those whose compaction has failed; in between there was time for the age of the others.
+            self._large = [number for number, count in self._counts.items() if count >= 2 * BLOCK_ROWS]
+            self._remove_most(now, most_bytes)
+            self._database.read(f"PRAGMA incremental_vacuum({_FREED_PAGES})")
+            return bool(self._aged)
+        some, self._aged = self._aged[:_SLICE], self._aged[_SLICE:]
+        self._remove_old({self._ids[key]: now - int(days_of(key) * _DAY) for key in some})
+        return bool(self._aged)
+
+    def close(self) -> None:
+        """Give the file free."""
+        self._database.close()
+
+    def _compact(self, number: int) -> None:
+        """Make blocks of the oldest rows of a node, in one commit each."""
+        while self._counts.get(number, 0) >= 2 * BLOCK_ROWS:
+            rows = self._rows(number, EARLIEST, LATEST, BLOCK_ROWS, backward=False)
+            self._database.commit(
+                (
+                    "INSERT INTO block (node, first, last, data) VALUES (?, ?, ?, ?)",
+                    (number, rows[0].time, rows[-1].time, encode_block(rows)),
+                ),
+                ("DELETE FROM row WHERE node = ? AND time <= ?", (number, rows[-1].time)),
+            )
+            self._counts[number] -= len(rows)
+
+    def _remove_old(self, before: dict[int, int]) -> None:
+        statements: list[Statement] = []
+        for number, time in before.items():
+            statements.append(("DELETE FROM block WHERE node = ? AND last < ?", (number, time)))
+            statements.append(("DELETE FROM row WHERE node = ? AND time < ?", (number, time)))
+        self._database.commit(*statements)
+        self._count_again(before)
+
+    def _count_again(self, numbers: dict[int, int]) -> None:
+        self._decoded.clear()
+        for number in numbers:
+            if self._counts.get(number):
+                [(count,)] = self._database.read("SELECT count(*) FROM row WHERE node = ?", (number,))
+                self._counts[number] = count
+
+    def _remove_most(self, now: int, most_bytes: int) -> None:
+        """Remove a twentieth of the time that is kept, again and again, while there is too much."""
+        for _ in range(40):
+            if self.used_bytes() <= most_bytes:
+                return
+            # A block goes as a whole: one of a node that seldom changes must not hold up all others.
+            [(block,)] = self._database.read("SELECT min(last) FROM block")
+            [(row,)] = self._database.read("SELECT min(time) FROM row")
+            oldest = min([time for time in (block, row) if time is not None], default=now)
+            before = oldest + max((now - oldest) // 20, TICKS_PER_SECOND)
+            self._remove_old(dict.fromkeys(self._ids.values(), before))
+
+    def _rows(self, number: int, first: int, last: int, most: int, *, backward: bool) -> list[Row]:
+        """Those of a node that are in no block."""
+        found = self._database.read(_ROWS[backward], (number, first, last, most))
+        try:
+            return [decode_value(*row) for row in found]
+        except _BROKEN as error:
+            raise self._broken(error) from error
+
+    def _block(self, number: int, first: int) -> list[Row]:
+        """The rows of a block."""
+        key = number, first
+        rows = self._decoded.pop(key, None)
+        if rows is None:
+            [(data,)] = self._database.read("SELECT data FROM block WHERE node = ? AND first = ?", key)
+            try:
+                rows = decode_block(data)
+            except _BROKEN as error:
+                raise self._broken(error) from error
+            if len(self._decoded) >= _CACHED:
+                self._decoded.popitem(last=False)
+        self._decoded[key] = rows
+        return rows
+
+    def _broken(self, error: Exception) -> StorageUnavailable:
+        return StorageUnavailable(f"{self.path} is broken ({error}); move the file away: a new one is made")
+
+    def between(self, number: int, first: int, last: int, most: int, *, backward: bool) -> list[Row]:
+        """Rows of a node, as `Series.between`."""
+        if first > last or most <= 0 or not number:
+            return []
+        last = min(last, LATEST)
+        found = self._rows(number, first, last, most, backward=True) if backward else list[Row]()
+        if len(found) >= most:
+            return found
+        for (start,) in self._database.rows(_BLOCKS[backward], (number, last, first)):
+            within = self._block(number, start)
+            if start < first or within[-1].time > last:
+                within = [row for row in within if first <= row.time <= last]
+            found += within[::-1] if backward else within
+            if len(found) >= most:
+                return found[:most]
+        if not backward:
+            found += self._rows(number, first, last, most - len(found), backward=False)
+        return found
+
+
+class SqliteSeries:
+    """The rows of one node."""
+
+    def __init__(self, store: SqliteHistory, number: int) -> None:
+        self._store, self._number = store, number
+
+    def between(self, first: int, last: int, most: int, *, backward: bool = False) -> list[Row]:
+        """As the protocol says."""
+        return self._store.between(self._number, first, last, most, backward=backward)
+
+
+def _fill(run: Run) -> None:
+    run("INSERT INTO meta (name, value) VALUES ('secret', ?)", (secrets.token_bytes(32),))

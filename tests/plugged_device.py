@@ -87,7 +87,6 @@ class PtyDevice:
         deadline = time.monotonic() + timeout_s
         for _ in range(3):
             self.say("\n")
-            time.sleep(0.003)  # the kernel hands it over by itself, a little later
             while self._unread() and time.monotonic() < deadline:
                 time.sleep(0.001)
 
@@ -95,6 +94,7 @@ class PtyDevice:
         with self._lock:
             if self._slave is None:
                 return 0
+            select.select([self._slave], [], [], 0)  # the kernel hands over now what it otherwise would a little later
             return int(struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, b"\0" * 4))[0])
 
     def _run(self, master: int) -> None:

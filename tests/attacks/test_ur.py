@@ -72,13 +72,17 @@ KINDS: dict[str, tuple[Serve, bool]] = {
 
 
 def children() -> dict[int, int]:
-    """The memory of each process that this one has started, in bytes."""
+    """The memory of each process that this one has started, in bytes. One that has not come to its program yet shows
+    the memory of this one, and counts as none."""
     held: dict[int, int] = {}
+    ours = Path("/proc/self/cmdline").read_bytes()
     for folder in Path("/proc").iterdir():
         try:
             parent = int((folder / "stat").read_text().rsplit(")", 1)[1].split()[1])
             if parent == os.getpid():
-                held[int(folder.name)] = int((folder / "statm").read_text().split()[1]) * resource.getpagesize()
+                pages = int((folder / "statm").read_text().split()[1])
+                has_begun = (folder / "cmdline").read_bytes() != ours
+                held[int(folder.name)] = pages * resource.getpagesize() if has_begun else 0
         except (OSError, IndexError, ValueError):
             continue
     return held

@@ -33,6 +33,8 @@ class Driving:
     number: int = 0
     echo: int | None = None
     """What is echoed in place of the newest counter."""
+    is_patient: bool = False
+    """Whether it wishes again only when the server has sent the last wish on, so that none overtakes another."""
 
     async def say(self, **said: Any) -> None:
         await self.socket.send(json.dumps(said))
@@ -57,7 +59,8 @@ class Driving:
         async with asyncio.timeout(WAIT_S):
             sent_at = 0.0
             while not is_so():
-                if wish is not None and time.monotonic() - sent_at >= 0.05:
+                may_wish = not self.is_patient or self.state.get("answered", 0) >= self.number
+                if wish is not None and may_wish and time.monotonic() - sent_at >= 0.05:
                     sent_at = time.monotonic()
                     await self.wish(*wish)
                 try:

@@ -43,6 +43,7 @@ async def drops(console: Console) -> dict[str, int]:
 
 async def test_a_page_drives_and_releases(made: Floor, console: Console) -> None:
     async with console.logged_in() as browser, drive(browser) as page, made.running.client(OBSERVER) as onlooker:
+        page.is_patient = True
         assert page.held["axes"][0]["name"] == "linear"
         assert page.held["axes"][0]["speed"] == FULL
         assert page.held["deadman_ms"] == DEADMAN_MS

@@ -4,7 +4,7 @@ SHELL := /bin/bash
 PYTHON := .venv/bin/python
 PYTHON_ROS1 := .venv-ros1/bin/python
 # Parts of the system whose absence fails the tests that need them, instead of skipping these:
-#   make test REQUIRE=ros1,ros2,node,ur,libmodbus,mbpoll,umockdev,dbus,compiler,netns,npm,node-red,chromium,mosquitto,nats
+#   make test REQUIRE=ros1,ros2,node,ur,libmodbus,mbpoll,umockdev,dbus,compiler,netns,npm,node-red,chromium,mosquitto,nats,promtool
 REQUIRE ?=
 # Test processes side by side, two a core, since most tests wait for processes that they started: make test JOBS=1
 # Files go in their order: those that take long come first, and the many short ones of tests/unit fill up the end.

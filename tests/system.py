@@ -91,6 +91,15 @@ def _nats() -> str | None:
     return None if nats_server().exists() else "nats-server is not installed; run: make setup-test"
 
 
+def promtool() -> Path:
+    """The program of Prometheus that checks its files; set-up takes it alone out of Debian's package."""
+    return Path(sys.executable).parent / "promtool"
+
+
+def _promtool() -> str | None:
+    return None if promtool().exists() else "promtool is not there (Debian package prometheus); run: make setup-test"
+
+
 def node_red() -> Path:
     """The program that its package brings."""
     return ROOT / "tests" / "interop" / "node_modules" / ".bin" / "node-red"
@@ -149,6 +158,7 @@ PARTS: dict[str, Callable[[], str | None]] = {
     "o6": _o6,
     "mosquitto": _mosquitto,
     "nats": _nats,
+    "promtool": _promtool,
     "netns": _netns,
     "node-red": _node_red,
     "npm": _npm,

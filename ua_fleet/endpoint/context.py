@@ -78,6 +78,8 @@ class Statistics:
     subscriptions: int = 0
     writes: int = 0
     calls: int = 0
+    answered: Callable[[str, float], None] = lambda service, seconds: None
+    """Told of each request that was answered at once: the service, and how long it took."""
 
 
 @dataclass

@@ -333,7 +333,7 @@ class Processor:
                     turns.leave()
 
     async def _answer(self, head: RequestHead, body: Buffer, request_id: int) -> None:
-        handle = head.handle
+        handle, began = head.handle, time.monotonic()
         name = _NAMES.get(head.kind, f"request {head.kind}")
         try:
             response = await self._dispatch(head, body, request_id)
@@ -348,6 +348,7 @@ class Processor:
             return
         if response is not None:
             await self._send(self._encoded(response, handle), request_id)
+            self._context.statistics.answered(name, time.monotonic() - began)
 
     async def _send(self, data: bytes, request_id: int) -> None:
         """Send a response; others get their turn between the chunks of a large one."""

@@ -190,6 +190,13 @@ GATEWAY_LOGINS = _metric(
     "opcua_gateway_logins_total", _C, _SERVER, "Logins through gateways, by how they ended.", "gateway", "outcome"
 )
 REQUESTS = _metric("opcua_requests_total", _C, _SERVER, "Requests of OPC UA clients.")
+REQUEST_SECONDS = _metric(
+    "opcua_request_seconds",
+    _H,
+    _SERVER,
+    "Time from an OPC UA request to its response, by service; without refused ones, Publish, and Methods that wait.",
+    "service",
+)
 HISTORY_ROWS = _metric(
     "history_values_total", _C, _SERVER, "Values for the history: stored, or lost since the store was away.", "what"
 )

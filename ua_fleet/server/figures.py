@@ -31,6 +31,7 @@ from ua_fleet.values import Quality, quality_of
 __all__ = ["ServerFigures", "source_state"]
 
 _SOURCE_STATES: Final = ("heard", "silent", "waiting", "refused")
+_REQUEST_BUCKETS_S: Final = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
 
 
 def source_state(source: Source) -> str:
@@ -62,6 +63,9 @@ class ServerFigures:
 
     def tell(self, monitor: Monitor) -> None:
         """Tell of the server from now on: it serves."""
+        metric = metrics.REQUEST_SECONDS
+        times = monitor.histogram(metric.name, metric.help, _REQUEST_BUCKETS_S, metric.labels)
+        self._server.statistics.answered = lambda service, seconds: times.labels(service).observe(seconds)
         monitor.add(self.collect)
         monitor.ready_when(self.problem, self.text)
 

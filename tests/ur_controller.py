@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from tests import system
 
-__all__ = ["UrController", "free_loopback"]
+__all__ = ["UrController", "dashboard", "free_loopback"]
 
 _DASHBOARD: Final = 29999
 _PROVOKING: Final = 30005
@@ -28,6 +28,16 @@ def free_loopback() -> str:
             except OSError:
                 continue
         return host
+
+
+def dashboard(host: str, *commands: str) -> None:
+    """Tell the dashboard server something, as the teach pendant does."""
+    with socket.create_connection((host, _DASHBOARD), 5) as connection, connection.makefile("rw") as lines:
+        lines.readline()
+        for command in commands:
+            lines.write(f"{command}\n")
+            lines.flush()
+            lines.readline()
 
 
 class UrController:

@@ -69,9 +69,13 @@ class CommandLink:
     def take_control(self, *, is_playing: bool) -> None:
         """Have ur-rtde's control program run.
 
+        Args:
+            is_playing: whether a program runs, as far as was told; where none does, the controller is asked once more.
+
         Raises:
             SkillError: it does not run, or another program does.
         """
+        is_playing = is_playing or self._has_begun_one()
         if not self._is_open:
             self.call("control", "open", is_playing, timeout_s=_OPEN_S)
             self._is_open = True
@@ -80,6 +84,13 @@ class CommandLink:
         if is_playing:  # somebody may have begun another one since
             self.check_own_program()
         self.has_control = True
+
+    def _has_begun_one(self) -> bool:
+        """Whether a program was begun since the state was told, which a busy machine takes in late."""
+        try:
+            return bool(self.call("dashboard", "running"))
+        except SkillFailed:  # a controller without a dashboard server
+            return False
 
     def _send_control_program(self) -> None:
         if self.call("control", "isProgramRunning"):  # begun since the state was told: ours would take its place

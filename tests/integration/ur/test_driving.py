@@ -6,7 +6,6 @@ import asyncio
 import json
 import os
 import signal
-import socket
 import sys
 import threading
 import time
@@ -19,7 +18,7 @@ import pytest
 
 from tests.integration.teleoperation.driving import WAIT_S, Driver, driving
 from tests.system import Child, Processes, clean_environment
-from tests.ur_controller import UrController
+from tests.ur_controller import UrController, dashboard
 from ua_fleet.config.load import load
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.skill.executions import OutcomeKind
@@ -236,13 +235,3 @@ async def test_an_arm_that_nobody_drives_is_left_and_one_with_a_program_is_not_g
             while "another program runs on the controller" not in (refused := await anna.acquire()).report.message:
                 assert refused.kind is OutcomeKind.REFUSED
                 await asyncio.sleep(0.1)
-
-
-def dashboard(host: str, *commands: str) -> None:
-    """Tell the dashboard server something, as the teach pendant does."""
-    with socket.create_connection((host, 29999), 5) as connection, connection.makefile("rw") as lines:
-        lines.readline()
-        for command in commands:
-            lines.write(f"{command}\n")
-            lines.flush()
-            lines.readline()

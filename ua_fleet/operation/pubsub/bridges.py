@@ -5,6 +5,9 @@
     StatusAnnouncement                 whether its PubSubConnection is Disabled
 
 What is Disabled stands in these, too. While nothing is heard of a bridge its states are what they were, and not Good.
+
+A bridge of which the DataSetWriter of its status, or what this is part of, is Disabled is silent since it was told so:
+that is no lost communication. It is there while it announces something now and then, for which it is asked.
 """
 
 from __future__ import annotations
@@ -47,6 +50,8 @@ MOST_WRITERS: Final = 20_000
 """DataSetWriters that are shown of a bridge, over all its WriterGroups."""
 MOST_CONNECTIONS: Final = 16
 """PubSubConnections that are kept of a bridge."""
+PATIENCE_S: Final = 25.0
+"""How long a bridge whose status is not sent may announce nothing. It is asked more often."""
 _NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION)
 
 
@@ -76,6 +81,7 @@ class AnnouncedConnection:
         metadata: MetaDataOf,
         is_heard: Callable[[], bool],
         diagnostics: Callable[[Component], Diagnostics | None] = lambda _: None,
+        status: Topic | None = None,
     ) -> None:
         """Know nothing of a bridge.
 
@@ -85,9 +91,14 @@ class AnnouncedConnection:
             metadata: of what it sends.
             is_heard: whether the bridge is heard.
             diagnostics: what it says that it has counted, by component; None where it says nothing.
+            status: its status DataSet, by which it is heard; None where it has none.
         """
         self.key, self.name, self.space = key_of(name), name, space
         self._metadata, self._is_heard, self._diagnostics = metadata, is_heard, diagnostics
+        self._status = None if status is None else writer(status.ns, status.id)
+        self._announced_at: float | None = None
+        """When it announced something last."""
+        self._answers = False
         self._connection: PubSubConnection | None = None
         self._further: tuple[PubSubConnection, ...] = ()
         """Its other connections, as they were announced."""
@@ -99,8 +110,18 @@ class AnnouncedConnection:
         """Whether anything is known of it."""
         return self._connection is not None
 
-    def heard(self, announcement: AnyAnnouncement) -> None:
-        """Take what the bridge announces."""
+    @property
+    def is_muted(self) -> bool:
+        """Whether nothing tells each second that it is there: its status is not sent."""
+        return self.is_announced and (self._status is None or self.state(self._status) is not PubSubState.OPERATIONAL)
+
+    def look(self, now: float) -> None:
+        """Note whether it has announced something lately. To be called each second."""
+        self._answers = self._announced_at is not None and now - self._announced_at < PATIENCE_S
+
+    def heard(self, announcement: AnyAnnouncement, now: float, *, is_fresh: bool = True) -> None:
+        """Take what the bridge announces; `is_fresh` as in AnnouncementReceived."""
+        self._attest(announcement, now, is_fresh=is_fresh)
         if isinstance(announcement, ConnectionsAnnouncement):
             if announcement.connections:
                 self._take_connection(announcement.connections[0])
@@ -111,6 +132,14 @@ class AnnouncedConnection:
             is_disabled = announcement.state == PubSubState.DISABLED
             if is_disabled or announcement.state == PubSubState.OPERATIONAL:
                 self._connection = self._connection._replace(enabled=not is_disabled)
+
+    def _attest(self, announcement: AnyAnnouncement, now: float, *, is_fresh: bool) -> None:
+        """Note whether the bridge is there. Who has recorded a will may say it at any time: it can only end that."""
+        if not isinstance(announcement, StatusAnnouncement):
+            if is_fresh:
+                self._announced_at, self._answers = now, True
+        elif announcement.state == PubSubState.ERROR:
+            self._announced_at, self._answers = None, False
 
     def lacks(self, topics: Iterable[Topic]) -> bool:
         """Whether it has not announced the DataSetWriter of one of these, which it sends."""
@@ -234,8 +263,7 @@ class AnnouncedConnection:
 
     def _shown_state(self, component: Component) -> Shown:
         state = self.state(component)
-        # A bridge whose PubSubConnection is Disabled has said so, and is silent.
-        is_known = self._is_heard() or not self.is_enabled(CONNECTION)
+        is_known = self._is_heard() or (self.is_muted and self._answers)
         return Shown(int(state), 0 if is_known else _NO_COMMUNICATION)
 
     def _take_connection(self, connection: PubSubConnection) -> None:

@@ -63,7 +63,9 @@ class Bridge:
     def __init__(self) -> None:
         self.is_heard = True
         self.publisher = on_two(3, "bridge b")
-        self.first = AnnouncedConnection("b", 3, metadata=self.publisher.metadata, is_heard=lambda: self.is_heard)
+        self.first = AnnouncedConnection(
+            "b", 3, metadata=self.publisher.metadata, is_heard=lambda: self.is_heard, status=Topic(3, 2, 1900)
+        )
         self.site = FurtherConnection(self.first, "site", 1)
 
     def ask(self) -> None:
@@ -72,7 +74,7 @@ class Bridge:
         for datagram in [*self.publisher.answer(probe, 102.0), *self.publisher.poll(104.0, WALL)]:
             message: Any = CODEC.decode(datagram)
             if isinstance(message, ConnectionsAnnouncement):
-                self.first.heard(message)
+                self.first.heard(message, 0.0)
 
 
 def test_a_further_connection_of_the_server_has_its_own_address_profile_and_security() -> None:
@@ -158,6 +160,6 @@ def test_a_further_connection_of_a_bridge_is_what_it_has_announced() -> None:
 def test_so_many_connections_of_a_bridge_are_kept() -> None:
     bridge = Bridge()
     made = bridge.publisher.configuration(1)
-    bridge.first.heard(ConnectionsAnnouncement(3, 1, 0, (made,) * 500))
+    bridge.first.heard(ConnectionsAnnouncement(3, 1, 0, (made,) * 500), 0.0)
     assert bridge.first.further(MOST_CONNECTIONS - 1) is not None
     assert bridge.first.further(MOST_CONNECTIONS) is None

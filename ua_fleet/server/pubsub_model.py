@@ -131,11 +131,11 @@ class PubSubModel:
             key_of(name),
             lambda: None if status is None else heard.get(status),
             is_heard,
-            partial(self._facts.address, space, 0),
+            partial(self._facts.address, space),
             self._resets,
         )
         self.bridges[space] = AnnouncedConnection(
-            name, space, metadata=metadata, is_heard=is_heard, diagnostics=told, status=status
+            name, space, metadata=metadata, is_heard=is_heard, told=told, status=status
         )
 
     def _link(self, server: HardenedServer) -> None:
@@ -262,7 +262,7 @@ class PubSubModel:
         connection, component = found
         if isinstance(connection, FurtherConnection):
             if not connection.reset(component):
-                raise Refusal(StatusCodes.BadNodeIdInvalid, "the first PubSubConnection of its process counts")
+                raise Refusal(StatusCodes.BadNodeIdInvalid, "nothing is counted there")
         elif not isinstance(connection, AnnouncedConnection):
             self.own.reset(component)
         elif not self._told[connection.space].reset(component):

@@ -68,6 +68,38 @@ def key_of(bridge: str) -> str:
     return f"PubSub.bridges.{bridge}"
 
 
+class Tells(Protocol):
+    """What a bridge tells of its components, as `operation.pubsub.told` has it."""
+
+    def __call__(self, component: Component, number: int = 0, key: str = "") -> Diagnostics | None:
+        """What it has counted of a component at its connection with a number; None where it says nothing."""
+        ...
+
+    def reset(self, component: Component, number: int = 0, key: str = "") -> bool:
+        """Begin to count anew; False where nothing is counted."""
+        ...
+
+    def has_problem(self, number: int) -> bool:
+        """Whether the connection is in the state Error."""
+        ...
+
+
+class _Silence:
+    """A bridge that tells nothing."""
+
+    def __call__(self, component: Component, number: int = 0, key: str = "") -> Diagnostics | None:
+        del component, number, key
+        return None
+
+    def reset(self, component: Component, number: int = 0, key: str = "") -> bool:
+        del component, number, key
+        return False
+
+    def has_problem(self, number: int) -> bool:
+        del number
+        return False
+
+
 class AnnouncedConnection:
     """See ShownConnection."""
 
@@ -80,7 +112,7 @@ class AnnouncedConnection:
         *,
         metadata: MetaDataOf,
         is_heard: Callable[[], bool],
-        diagnostics: Callable[[Component], Diagnostics | None] = lambda _: None,
+        told: Tells | None = None,
         status: Topic | None = None,
     ) -> None:
         """Know nothing of a bridge.
@@ -90,11 +122,11 @@ class AnnouncedConnection:
             space: its own, which is the PublisherId of its announcements.
             metadata: of what it sends.
             is_heard: whether the bridge is heard.
-            diagnostics: what it says that it has counted, by component; None where it says nothing.
+            told: what it says that it has counted; left out: nothing.
             status: its status DataSet, by which it is heard; None where it has none.
         """
         self.key, self.name, self.space = key_of(name), name, space
-        self._metadata, self._is_heard, self._diagnostics = metadata, is_heard, diagnostics
+        self._metadata, self._is_heard, self.told = metadata, is_heard, told or _Silence()
         self._status = None if status is None else writer(status.ns, status.id)
         self._announced_at: float | None = None
         """When it announced something last."""
@@ -198,14 +230,20 @@ class AnnouncedConnection:
         """See ShownConnection."""
         if self._connection is None:
             return None
-        return Part(f"bridge {self.name}", self._connection._replace(enabled=True))
+        return Part(f"bridge {self.name}", (self._connection._replace(enabled=True), self.tells_of(CONNECTION)))
 
     def groups(self) -> Mapping[Component, Part]:
         """See ShownConnection."""
         return {
-            writer_group(number): Part(group.name or str(number), group._replace(enabled=True))
+            writer_group(number): Part(
+                group.name or str(number), (group._replace(enabled=True), self.tells_of(writer_group(number)))
+            )
             for number, group in self._groups.items()
         }
+
+    def tells_of(self, component: Component, number: int = 0) -> bool:
+        """Whether the bridge tells what it has counted: what is shown before its first status has no Diagnostics."""
+        return self.told(component, number) is not None
 
     def members(self, group: Component) -> Mapping[Component, Part]:
         """See ShownConnection."""
@@ -231,8 +269,8 @@ class AnnouncedConnection:
 
     def describe(self, component: Component) -> Description:
         """See ShownConnection."""
-        state = Live(lambda: self._shown_state(component))
-        diagnostics = self._diagnostics(component)
+        state = self.further_state(0, component)
+        diagnostics = self.told(component)
         if component == CONNECTION:
             assert self._connection is not None
             return describe_connection(self._connection, state, diagnostics, can_switch=True)
@@ -254,15 +292,24 @@ class AnnouncedConnection:
 
     def further_state(self, number: int, component: Component) -> Live:
         """The state of a component on the connection with this number: what is switched, is so on all."""
-        del number
-        return Live(lambda: self._shown_state(component))
+        return Live(lambda: self._shown_state(component, number))
+
+    def further_diagnostics(self, number: int, key: str) -> Diagnostics | None:
+        """What is counted of the connection with this number itself; its NodeIds begin with `key`."""
+        return self.told(CONNECTION, number, key)
+
+    def reset_further(self, number: int, key: str) -> bool:
+        """Begin to count it anew; False where nothing is counted."""
+        return self.told.reset(CONNECTION, number, key)
 
     def describe_data_set(self, topic: Topic) -> Description:
         """See ShownConnection."""
         return describe_data_set(lambda: self._metadata(topic) or NO_METADATA, None)
 
-    def _shown_state(self, component: Component) -> Shown:
+    def _shown_state(self, component: Component, number: int) -> Shown:
         state = self.state(component)
+        if component == CONNECTION and state is PubSubState.OPERATIONAL and self.told.has_problem(number):
+            state = PubSubState.ERROR
         is_known = self._is_heard() or (self.is_muted and self._answers)
         return Shown(int(state), 0 if is_known else _NO_COMMUNICATION)
 

@@ -138,7 +138,7 @@ class _Shell:
             max_packed_bytes=self.envelopes.max_plain_bytes,
             settings=writer_settings(config),
         )
-        self._publisher, self._link_errors = publisher, LinkErrors()
+        self._publisher, self._links_seen = publisher, [LinkErrors() for _ in self.connections.all]
         self._rival = Rival()
         self.connections.speak_for(
             space,
@@ -397,7 +397,8 @@ class _Shell:
         for complaint in self._subscriber.complaints(now):
             self._log.warning(complaint.what, cause=complaint.cause, count=complaint.count, detail=complaint.detail)
         self.connections.count_drops(self.counters)
-        self._link_errors.look(self.connections.problem)
+        for link, problem in zip(self._links_seen, self.connections.problems, strict=True):
+            link.look(problem)
         if self._status_topic is not None:
             lag_p99_s, oldest_s = self.figures.lags_s()
             values = status_values(
@@ -407,9 +408,7 @@ class _Shell:
                 self.counters,
                 lag_p99_s=lag_p99_s,
                 oldest_s=oldest_s,
-                figures=figures_of(
-                    self._publisher, self._sender.failed, self._sender.not_secured, self._link_errors.counts
-                ),
+                figures=figures_of(self._publisher, self._sender.failed, self._sender.not_secured, self._links_seen),
             )
             self._core.tell(self._status_topic, values, _wall_ticks(), now=now)
 

@@ -94,9 +94,9 @@ class Announcements:
             return []
         self._wishes.heard(announcement)
         if isinstance(announcement, StatusAnnouncement):
-            return [AnnouncementReceived(announcement), *self._ended(publisher, announcement, inlet, now)]
+            return [AnnouncementReceived(announcement, is_fresh), *self._ended(publisher, announcement, inlet, now)]
         if not isinstance(announcement, MetaDataAnnouncement):
-            return [AnnouncementReceived(announcement)]
+            return [AnnouncementReceived(announcement, is_fresh)]
         key = (publisher, announcement.data_set_writer_id)
         if quality_of(announcement.status) is not Quality.BAD and not self._catalog.announced(
             key, announcement.metadata, is_fresh=is_fresh

@@ -129,6 +129,8 @@ class AnnouncementReceived(NamedTuple):
     """An announcement of any kind but metadata came, each time it is heard."""
 
     announcement: AnyAnnouncement
+    is_fresh: bool = True
+    """False for what a broker has kept or a relay brings: it may be of any time."""
 
 
 class ProbeDue(NamedTuple):

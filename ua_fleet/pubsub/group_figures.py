@@ -1,7 +1,8 @@
-"""What a bridge counts of its PubSubConnection and its WriterGroups, as one field of its status DataSet.
+"""What a bridge counts of its PubSubConnections and its WriterGroups, as one field of its status DataSet.
 
-The server shows it as their Diagnostics (OPC 10000-14 9.1.11). One field holds all, since groups come and go: the
-numbers of one after those of the other.
+The server shows it as their Diagnostics (OPC 10000-14 9.1.11). One field holds all, since groups come and go: how many
+numbers one of them has, then the numbers of one after those of the other. Of several PubSubConnections each tells of
+itself; the WriterGroups are those of all, and stand at the first.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _LARGEST: Final = 0xFFFF_FFFF
 
 
 class GroupFigures(NamedTuple):
-    """Of one WriterGroup, or of the PubSubConnection, whose WriterGroupId is 0."""
+    """Of one WriterGroup, or of a PubSubConnection, whose WriterGroupId is 0."""
 
     writer_group_id: int
     sent: int = 0
@@ -40,6 +41,10 @@ class GroupFigures(NamedTuple):
     by_parent: int = 0
     paused: int = 0
     disabled: int = 0
+    connection: int = 0
+    """Its number among those of the bridge."""
+    has_problem: int = 0
+    """1 while nothing can be sent or received by the connection: its state is Error."""
 
     @property
     def component(self) -> Component:
@@ -47,18 +52,22 @@ class GroupFigures(NamedTuple):
         return writer_group(self.writer_group_id) if self.writer_group_id else CONNECTION
 
 
+_SIZE: Final = len(GroupFigures._fields)
+
+
 class LinkErrors:
     """How often a PubSubConnection went into the state Error, and back, as far as `look` has seen it."""
 
     def __init__(self) -> None:
         self.counts: tuple[int, int] = 0, 0
-        self._had_problem: bool = False
+        self.has_problem: bool = False
+        """Whether it is in the state Error now."""
 
     def look(self, problem: str) -> None:
         """Note why nothing can be sent or received now; empty where all is well. To be called each second."""
         has_problem = bool(problem)
-        if has_problem != self._had_problem:
-            self._had_problem = has_problem
+        if has_problem != self.has_problem:
+            self.has_problem = has_problem
             self.counts = self.counts[0] + has_problem, self.counts[1] + (not has_problem)
 
 
@@ -66,7 +75,7 @@ def figures_of(
     publisher: Publisher,
     failed: Any,
     not_secured: Any,
-    errors: tuple[int, int],
+    links: Sequence[LinkErrors],
 ) -> list[GroupFigures]:
     """The figures of a process now.
 
@@ -74,7 +83,7 @@ def figures_of(
         publisher: its DataSetWriters.
         failed: NetworkMessages that could not be sent, by WriterGroupId.
         not_secured: those that could not be signed or encrypted.
-        errors: how often its PubSubConnection went into the state Error, and back.
+        links: of each of its PubSubConnections.
     """
     configured: dict[int, int] = {}
     operational: dict[int, int] = {}
@@ -83,8 +92,13 @@ def figures_of(
             configured[topic[1]] = configured.get(topic[1], 0) + 1
             operational[topic[1]] = operational.get(topic[1], 0) + (not each.is_off)
     components, sent = publisher.switches.components, publisher.sent_messages
-    whole = components.counts(CONNECTION)
-    made = [GroupFigures(0, errors=errors[0], from_error=errors[1])._replace(**_states(whole))]
+    whole = GroupFigures(0)._replace(**_states(components.counts(CONNECTION)))
+    made: list[GroupFigures] = []
+    for number, link in enumerate(links):
+        errors, back = link.counts
+        made.append(
+            whole._replace(connection=number, errors=errors, from_error=back, has_problem=int(link.has_problem))
+        )
     for ns in sorted(configured)[:MOST_GROUPS]:
         group = GroupFigures(ns, sent[ns], failed[ns], not_secured[ns], configured[ns], operational[ns])
         made.append(group._replace(**_states(components.counts(writer_group(ns)))))
@@ -102,13 +116,12 @@ def _states(counts: Any) -> dict[str, int]:
 
 def packed(figures: Iterable[GroupFigures]) -> tuple[int, ...]:
     """The value of the field."""
-    return tuple([min(number, _LARGEST) for each in figures for number in each])
+    return _SIZE, *[min(number, _LARGEST) for each in figures for number in each]
 
 
-def unpacked(numbers: Sequence[Any]) -> dict[Component, GroupFigures]:
-    """The figures by what they are of; nothing of a value that is none."""
-    size = len(GroupFigures._fields)
-    if len(numbers) % size or not all(type(number) is int for number in numbers):
+def unpacked(numbers: Sequence[Any]) -> dict[tuple[int, Component], GroupFigures]:
+    """The figures by the number of the connection and what they are of; nothing of a value that is none."""
+    if numbers[:1] != (_SIZE,) or len(numbers) % _SIZE != 1 or not all(type(number) is int for number in numbers):
         return {}
-    made = [GroupFigures(*numbers[start : start + size]) for start in range(0, len(numbers), size)]
-    return {each.component: each for each in made}
+    made = [GroupFigures(*numbers[start : start + _SIZE]) for start in range(1, len(numbers), _SIZE)]
+    return {(each.connection, each.component): each for each in made}

@@ -41,7 +41,8 @@ __all__ = ["PubSubModel"]
 
 PERIOD_S: Final = 1.0
 LOOK_S: Final = 10.0
-"""How often it is looked whether bridges send what they have not announced: that is asked for then."""
+"""How often bridges are asked for what they send and have not announced, or whether they are there, where they send no
+status."""
 _ENABLE: Final = ns0(ObjectIds.PubSubStatusType_Enable)
 _DISABLE: Final = ns0(ObjectIds.PubSubStatusType_Disable)
 _RESET: Final = ns0(ObjectIds.PubSubDiagnosticsType_Reset)
@@ -130,10 +131,12 @@ class PubSubModel:
             key_of(name),
             lambda: None if status is None else heard.get(status),
             is_heard,
-            partial(self._facts.address, space, 0),
+            partial(self._facts.address, space),
             self._resets,
         )
-        self.bridges[space] = AnnouncedConnection(name, space, metadata=metadata, is_heard=is_heard, diagnostics=told)
+        self.bridges[space] = AnnouncedConnection(
+            name, space, metadata=metadata, is_heard=is_heard, told=told, status=status
+        )
 
     def _link(self, server: HardenedServer) -> None:
         for method, call in ((_ENABLE, self._enable), (_DISABLE, self._disable), (_RESET, self._reset)):
@@ -154,7 +157,7 @@ class PubSubModel:
                 self._ask_who_is_silent(announcement)
             publisher_id = announcement.publisher_id
             if isinstance(publisher_id, int) and (bridge := self.bridges.get(publisher_id)) is not None:
-                bridge.heard(announcement)
+                bridge.heard(announcement, self._clock(), is_fresh=event.is_fresh)
 
     def _ask_who_is_silent(self, announcement: ActionMetaDataAnnouncement) -> None:
         """Ask a bridge for its PubSubConnection that is not known, and perhaps Disabled.
@@ -179,8 +182,11 @@ class PubSubModel:
         if must_look:
             self._look_at = now + LOOK_S
         for space, bridge in self.bridges.items():
+            bridge.look(now)
             if not self._is_heard(bridge.name):
                 self._were_heard.discard(space)
+                if must_look and bridge.is_muted:
+                    self._facts.subscriber.want(space, ProbeKind.PUBSUB_CONNECTIONS, now)
             elif space not in self._were_heard:
                 self._were_heard.add(space)
                 self._facts.subscriber.want(space, ProbeKind.PUBSUB_CONNECTIONS, now)
@@ -256,7 +262,7 @@ class PubSubModel:
         connection, component = found
         if isinstance(connection, FurtherConnection):
             if not connection.reset(component):
-                raise Refusal(StatusCodes.BadNodeIdInvalid, "the first PubSubConnection of its process counts")
+                raise Refusal(StatusCodes.BadNodeIdInvalid, "nothing is counted there")
         elif not isinstance(connection, AnnouncedConnection):
             self.own.reset(component)
         elif not self._told[connection.space].reset(component):

@@ -74,7 +74,7 @@ def make_pubsub_model(
         security_group=lambda space: None if mode is SecurityMode.NONE else telemetry_group(space),
         failed=ends.sender.failed,
         not_secured=ends.sender.not_secured,
-        problems=lambda: [each.transport.stats.problem for each in connections.all],
+        problems=lambda: connections.problems,
         address=address,
     )
     requests = BridgeSwitchRequests(

@@ -93,7 +93,7 @@ class Connections:
         """The figures of all together; there is a problem where nothing goes by any of them."""
         if len(self.all) == 1:
             return self.all[0].transport.stats
-        whole = TransportStats(problem=self.problem if all(self._problems()) else "")
+        whole = TransportStats(problem=self.problem if all(self.problems) else "")
         for connection in self.all:
             stats = connection.transport.stats
             whole.sent += stats.sent
@@ -106,9 +106,11 @@ class Connections:
     @property
     def problem(self) -> str:
         """What does not work of any of them."""
-        return "; ".join(filter(None, self._problems()))
+        return "; ".join(filter(None, self.problems))
 
-    def _problems(self) -> list[str]:
+    @property
+    def problems(self) -> list[str]:
+        """Why nothing can be sent or received now by each of them; empty where all is well."""
         return [connection.transport.stats.problem for connection in self.all]
 
     def count_drops(self, counters: Counters) -> None:

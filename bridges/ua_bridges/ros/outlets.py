@@ -27,7 +27,7 @@ from ua_fleet.counters import Drop
 from ua_fleet.errors import FieldMissing, UaFleetError
 from ua_fleet.fleet.matching import FieldOrder
 from ua_fleet.topics import SERVER_SPACE, Topic
-from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FrameKind
 
 __all__ = ["MAX_MIRRORED", "Outlet", "Outlets", "Publishing", "Values"]
 
@@ -75,8 +75,11 @@ class Publishing(ABC, Generic[AnyOutlet]):
     """What an outlet raises when a message cannot be published; a library may have errors of its own."""
 
     @abstractmethod
-    def mirror(self, name: str, form: Form, *, latched: bool) -> tuple[AnyOutlet, Form]:
-        """The outlet of a topic of another space, and the form that the type here has; raises UaFleetError."""
+    def mirror(self, name: str, form: Form, *, latched: bool, are_events: bool) -> tuple[AnyOutlet, Form]:
+        """The outlet of a topic of another space, and the form that the type here has; raises UaFleetError.
+
+        Events are never latched, and of a burst none may be lost to a subscriber that is there.
+        """
 
     @abstractmethod
     def sink(self, data: Mapped, *, takes_setpoints: bool) -> AnyOutlet:
@@ -165,7 +168,7 @@ class Outlets(Generic[AnyOutlet]):
         """Publish a message on all topics that it belongs to; whether it went out on any."""
         mirrored = self._mirrored.get(topic)
         if mirrored is None or not is_same_type(mirrored.metadata, metadata):
-            mirrored = self._mirror(topic, metadata, mirrored)
+            mirrored = self._mirror(topic, metadata, mirrored, are_events=message.kind == FrameKind.EVENT)
         elif mirrored.metadata is not metadata:
             mirrored = self._mirrored[topic] = mirrored._replace(metadata=metadata)
         sinks = self._sinks.get(topic, ())
@@ -260,7 +263,7 @@ class Outlets(Generic[AnyOutlet]):
             self._inlet.put(Dropped(Drop.INLET_FULL, lost, f"{name}: more messages than are held at its start"))
 
     def _mirror(
-        self, topic: Topic, metadata: DataSetMetaData, before: _Mirrored[AnyOutlet] | None
+        self, topic: Topic, metadata: DataSetMetaData, before: _Mirrored[AnyOutlet] | None, *, are_events: bool
     ) -> _Mirrored[AnyOutlet]:
         if before is None and len(self._mirrored) >= MAX_MIRRORED:
             text = f"more than {MAX_MIRRORED} topics of other spaces"
@@ -272,8 +275,8 @@ class Outlets(Generic[AnyOutlet]):
         try:
             form = form_of(topic, metadata, {} if topic in self._sinks else self._named)
             # A Variable of the server is a state; a robot's message is an event unless the robot says otherwise.
-            latched = topic.space == SERVER_SPACE or is_latched(metadata.fields)
-            made, form = self._publishing.mirror(f"/{topic.name}", form, latched=latched)
+            latched = not are_events and (topic.space == SERVER_SPACE or is_latched(metadata.fields))
+            made, form = self._publishing.mirror(f"/{topic.name}", form, latched=latched, are_events=are_events)
             mirrored = _Mirrored(metadata, made, form)
         except UaFleetError as error:
             text = f"{topic.name} cannot be published here: {error}"

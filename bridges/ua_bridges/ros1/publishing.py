@@ -31,8 +31,8 @@ class Ros1Publishing(Publishing[Outlet]):
         self._shared: dict[str, tuple[MessageType, Any]] = {}
         """The message that the sinks of one topic share."""
 
-    def mirror(self, name: str, form: Form, *, latched: bool) -> tuple[Outlet, Form]:
-        """See Publishing."""
+    def mirror(self, name: str, form: Form, *, latched: bool, are_events: bool) -> tuple[Outlet, Form]:
+        """See Publishing. Each subscriber has a queue, as long for values as for events."""
         type_name = ros1_type_name(form.ros_type)
         if installed_type(type_name) is None and form.definition is not None:
             kind = type_from_definition(type_name, form.definition)

@@ -17,7 +17,7 @@ from ua_bridges.ros.outlets import Publishing, Values
 from ua_bridges.ros.sink import compile_sink
 from ua_bridges.ros2.classes import load_type, make
 from ua_bridges.ros2.outlet import HeldPublisher, Make
-from ua_bridges.ros2.qos import MIRROR, sink_qos
+from ua_bridges.ros2.qos import EVENTS, MIRROR, sink_qos
 
 __all__ = ["Attendant", "Ros2Outlet", "Ros2Publishing"]
 
@@ -86,11 +86,11 @@ class Ros2Publishing(Publishing[Ros2Outlet]):
         self._shared: dict[str, HeldPublisher] = {}
         """Publishers of robots' own topics, by name."""
 
-    def mirror(self, name: str, form: Form, *, latched: bool) -> tuple[Ros2Outlet, Form]:
-        """See Publishing. In ROS 2 it is for a subscriber to say whether it wants the last message."""
+    def mirror(self, name: str, form: Form, *, latched: bool, are_events: bool) -> tuple[Ros2Outlet, Form]:
+        """See Publishing. In ROS 2 a subscriber says whether it wants the last message, if that is a state."""
         kind = load_type(form.ros_type)
         form = with_stamp(form, kind.schema)
-        publisher = HeldPublisher(name, kind, MIRROR)
+        publisher = HeldPublisher(name, kind, EVENTS if are_events else MIRROR)
         fill = compile_writer(kind.schema, form.names, make, partial=not form.is_whole)
         encode = compile_encoder(kind.schema, form.names, partial(fill, kind.cls())) if form.is_whole else None
         return self._outlet(publisher, encode or publisher.filling(fill)), form

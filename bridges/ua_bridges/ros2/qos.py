@@ -30,7 +30,7 @@ from typing import Final, NamedTuple
 
 from ua_bridges.ros.topic_mapping import QosConfig
 
-__all__ = ["MIRROR", "QUEUE_DEPTH", "Offer", "Qos", "choose", "is_outdated", "sink_qos"]
+__all__ = ["EVENTS", "MIRROR", "QUEUE_DEPTH", "Offer", "Qos", "choose", "is_outdated", "sink_qos"]
 
 QUEUE_DEPTH: Final = 1000
 """Messages that a subscription holds until the bridge takes them: half a second at 2,000 a second."""
@@ -54,6 +54,8 @@ class Offer(NamedTuple):
 
 MIRROR: Final = Qos(reliable=True, transient_local=True, depth=1)
 """What the bridge's own publishers of mirrored topics offer."""
+EVENTS: Final = Qos(reliable=True, transient_local=False, depth=QUEUE_DEPTH)
+"""What they offer for events: none is kept for who comes later, and all of a burst until they are acknowledged."""
 
 _FOLLOW: Final = QosConfig(depth=QUEUE_DEPTH)
 

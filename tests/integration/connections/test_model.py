@@ -68,7 +68,7 @@ async def test_each_connection_of_each_process_is_shown_as_it_is(roads: TwoRoads
             assert values[f"/{name}/group-2/WriterGroupId"] == 2
             assert values[f"/{name}/group-2/counter/DataSetWriterId"] == COUNTER_ONE.id
             assert values[f"/{name}/group-2/counter/Status/State"] == OPERATIONAL
-        # What each connection counts itself: the bridges tell of theirs together.
+        # What each connection counts itself.
         assert values["/Fleet server hall/Diagnostics/LiveValues/ResolvedAddress"] in roads.url
         assert values["/Fleet server site/Diagnostics/LiveValues/ResolvedAddress"] == "127.0.0.1"
         assert values["/Fleet server hall/readers-one/Diagnostics/Counters/ReceivedNetworkMessages"] > 0
@@ -101,6 +101,35 @@ async def test_a_broker_that_is_away_is_the_error_of_its_connection_alone(roads:
                 await other.get_node(f"{SERVER_SITE}.Diagnostics").call_method(RESET)
         await client.get_node(f"{SERVER_SITE}.Diagnostics").call_method(RESET)
         assert (await value(client, f"{site}.StateError"), await value(client, back)) == (0, 0)
+
+
+async def test_a_bridge_tells_which_of_its_connections_works(roads: TwoRoads, broker: Broker) -> None:
+    one, two = roads.bridge("one"), roads.bridge("two")
+    counters = "Diagnostics.Counters"
+    async with serving(roads.folder, roads.config) as running, running.client(ENGINEER) as client:
+        hall, site = reader(client, f"{ONE_HALL}.Status.State"), reader(client, f"{ONE_SITE}.Status.State")
+        for state in (hall, site):
+            await until(state, lambda data: is_known(data) and data.Value.Value == OPERATIONAL)
+        errors, back = f"{ONE_SITE}.{counters}.StateError", f"{ONE_SITE}.{counters}.StateOperationalFromError"
+        failed = (await until(reader(client, errors), is_known)).Value.Value
+        assert await value(client, f"{ONE_SITE}.Diagnostics.LiveValues.ResolvedAddress") == "127.0.0.1"
+        broker.end()
+        await until(site, lambda data: is_known(data) and data.Value.Value == ERROR)
+        await until(reader(client, errors), lambda data: is_known(data) and data.Value.Value == failed + 1)
+        data = await hall()
+        assert (data.Value.Value, data.StatusCode.name) == (OPERATIONAL, "Good")
+        assert await value(client, f"{ONE_HALL}.{counters}.StateError") == 0
+        # Nothing is heard of one that is on the broker alone.
+        await until(
+            reader(client, f"{TWO_SITE}.Status.State"), lambda data: data.StatusCode.name == "BadNoCommunication"
+        )
+        broker.start()
+        await until(site, lambda data: is_known(data) and data.Value.Value == OPERATIONAL)
+        await until(reader(client, back), lambda data: is_known(data) and data.Value.Value == failed + 1)
+        await client.get_node(f"{ONE_SITE}.Diagnostics").call_method(RESET)
+        assert (await value(client, errors), await value(client, back)) == (0, 0)
+        await until(reader(client, f"{TWO_SITE}.Status.State"), is_known)
+    assert one.end() == two.end() == 0
 
 
 async def test_what_is_switched_at_the_first_connection_is_so_on_all(roads: TwoRoads) -> None:

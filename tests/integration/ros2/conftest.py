@@ -52,10 +52,11 @@ class Ros2Space:
         *,
         wait: bool = True,
         profile: Literal["robot"] | None = None,
+        scenarios: dict[str, Any] | None = None,
         **pubsub: Any,
     ) -> Child:
         """Start a bridge named `mobile`."""
-        config = self.fleet(robots, **pubsub)
+        config = {**self.fleet(robots, **pubsub), "scenarios": scenarios or {}}
         path = self.folder / "fleet.json"
         path.write_text(json.dumps(config))
         program = Path(__file__).parent.parent / "run_bridge.py"

@@ -20,7 +20,7 @@ from tests.integration.scenarios.machines import RobotDriver, tell_values
 from ua_fleet.bridge.runner import run_bridge
 from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.transport.udp import UdpTransport
+from ua_fleet.config.transports import open_transport
 
 
 async def main(path: Path, robot: str, machine: Path) -> int:
@@ -34,7 +34,8 @@ async def main(path: Path, robot: str, machine: Path) -> int:
         async with key_source_of(config, name, path.parent, state_dir) as keys:
             controller = Machine(machine)
             driver = RobotDriver(config, robot, bus, controller)
-            transport = UdpTransport(config.pubsub.url, config.pubsub.interface)
+            space = config.bridges[name].space
+            transport = open_transport(config, path.parent, space=space, hears_itself=False)
             ready = partial(print, "ready", flush=True)
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(tell_values(config, robot, bus, controller))

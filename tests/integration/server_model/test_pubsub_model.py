@@ -26,6 +26,8 @@ from tests.integration.server_model.harness import (
 )
 from tests.integration.server_model.test_walks import OneSource
 from ua_fleet.bridge import run_bridge
+from ua_fleet.operation.pubsub import bridges
+from ua_fleet.server import pubsub_model
 from ua_fleet.transport.udp import UdpTransport
 
 DISABLED, PAUSED, OPERATIONAL = 0, 1, 2
@@ -275,3 +277,35 @@ async def test_a_bridge_that_is_gone_leaves_states_that_are_not_good_and_refuses
         await until(reader(client, "ns=2;s=1900.Online"), lambda data: data.Value.Value is False)
         with pytest.raises(ua.UaStatusCodeError, match=r"BadTimeout|BadNoCommunication"):
             await switch(client, SPEED_WRITER, "Disable")
+
+
+async def test_a_bridge_that_was_told_to_be_silent_is_shown_as_such_until_it_is_gone(
+    tmp_path: Path, udp_url: str, tcp_port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pubsub_model, "LOOK_S", 1.0)
+    monkeypatch.setattr(bridges, "PATIENCE_S", 4.0)
+    config, source = fleet_config(udp_url, tcp_port), OneSource()
+    async with serving(tmp_path, config) as running, running.client(ENGINEER) as client:
+        transport = UdpTransport(udp_url, "lo", hears_itself=False)
+        bridge = asyncio.ensure_future(
+            run_bridge(config, "mobile_side", source, transport, state_dir=tmp_path / "bridge")
+        )
+        state = reader(client, f"{BRIDGE}.Status.State")
+        online = reader(client, "ns=2;s=1900.Online")
+        try:
+            await until(state, lambda data: data.StatusCode.is_good())
+            await until(reader(client, f"{BRIDGE}.W2.Status.State"), lambda data: data.StatusCode.is_good())
+            await switch(client, f"{BRIDGE}.W2", "Disable")
+            await until(online, lambda data: data.Value.Value is False)
+            shown: list[Any] = []
+            for _ in range(12):  # longer than it is patient without an answer
+                shown += [await state(), await reader(client, f"{BRIDGE}.W2.Status.State")()]
+                await asyncio.sleep(0.5)
+            assert {(data.Value.Value, data.StatusCode.name) for data in shown[::2]} == {(OPERATIONAL, "Good")}
+            assert {(data.Value.Value, data.StatusCode.name) for data in shown[1::2]} == {(DISABLED, "Good")}
+            counted = await reader(client, f"{BRIDGE}.W2.Diagnostics.Counters.SentNetworkMessages")()
+            assert counted.StatusCode.name == "BadNoCommunication"  # its status tells them, and is not sent
+        finally:
+            bridge.cancel()
+            await asyncio.wait([bridge])
+        await until(state, lambda data: data.StatusCode.name == "BadNoCommunication")

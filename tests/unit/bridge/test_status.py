@@ -27,7 +27,7 @@ def test_every_drop_has_its_field_and_its_value() -> None:
     assert list(fields.values())[:10] == ["arm", "ros1", True, "up", 1, 2, 3, 4, 5, 6]
     assert (fields["LagP99"], fields["OldestWaiting"]) == (12.3, 1500.0)
     assert {name: fields[f"Drops.{name}"] for name in OF_BRIDGES} == dict(counters.drops)
-    assert unpacked(fields[FIGURES_FIELD]) == {writer_group(2): GroupFigures(2, 7)}
+    assert unpacked(fields[FIGURES_FIELD]) == {(0, writer_group(2)): GroupFigures(2, 7)}
 
 
 def test_only_what_a_relay_alone_counts_has_no_field() -> None:

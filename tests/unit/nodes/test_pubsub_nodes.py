@@ -77,7 +77,7 @@ class Shown:
     def __init__(self, space: Any, writers: int, most_open: int = 5) -> None:
         self.space = space
         self.known = AnnouncedConnection("b", 3, metadata=lambda topic: METADATA, is_heard=lambda: True)
-        self.known.heard(announced(writers))
+        self.known.heard(announced(writers), 0.0)
         self.nodes = PubSubNodes(space, NodeBuilder(space), NS, [self.known], most_open=most_open)
         self.nodes.refresh()
 
@@ -156,7 +156,7 @@ def with_property(value: Variant) -> ConnectionsAnnouncement:
 
 async def test_a_property_of_a_type_that_does_not_exist_is_left_out() -> None:
     shown = Shown(await a_space(), 1)
-    shown.known.heard(with_property(Variant(26, b"x")))
+    shown.known.heard(with_property(Variant(26, b"x")), 0.0)
     shown.nodes.refresh()
     assert len(shown.value("PubSub.bridges.b.ConnectionProperties").Value.Value) == 1
 
@@ -175,7 +175,7 @@ async def test_a_connection_that_cannot_be_shown_stops_no_other_and_is_shown_lat
     known = AnnouncedConnection("b", 3, metadata=lambda topic: METADATA, is_heard=lambda: True)
     nodes = PubSubNodes(space, NodeBuilder(space), NS, [broken, known])
     for connection in (broken, known):
-        connection.heard(announced(1))
+        connection.heard(announced(1), 0.0)
     for _ in range(2):
         with pytest.raises(ValueError, match="no such type"):
             nodes.refresh()
@@ -248,7 +248,7 @@ async def test_writers_that_come_and_go_are_seen_by_who_has_browsed() -> None:
     assert names() == {"w1", "w2", "w3"}
     settings = WriterGroup("group-2", True, writer_group_id=2, message_settings=UadpWriterGroupMessage())
     new = settings._replace(data_set_writers=(DataSetWriter("new", True, 9),))
-    shown.known.heard(WriterConfigurationAnnouncement(3, 1, 0, (9, 2), new, (0, NOT_FOUND)))
+    shown.known.heard(WriterConfigurationAnnouncement(3, 1, 0, (9, 2), new, (0, NOT_FOUND)), 0.0)
     shown.nodes.refresh()
     assert names() == {"w1", "w3", "new"}
     assert not shown.has_made("PubSub.bridges.b.W2.2.Status.State")

@@ -5,6 +5,9 @@
     StatusAnnouncement                 whether its PubSubConnection is Disabled
 
 What is Disabled stands in these, too. While nothing is heard of a bridge its states are what they were, and not Good.
+
+A bridge of which the DataSetWriter of its status, or what this is part of, is Disabled is silent since it was told so:
+that is no lost communication. It is there while it announces something now and then, for which it is asked.
 """
 
 from __future__ import annotations
@@ -47,6 +50,8 @@ MOST_WRITERS: Final = 20_000
 """DataSetWriters that are shown of a bridge, over all its WriterGroups."""
 MOST_CONNECTIONS: Final = 16
 """PubSubConnections that are kept of a bridge."""
+PATIENCE_S: Final = 25.0
+"""How long a bridge whose status is not sent may announce nothing. It is asked more often."""
 _NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION)
 
 
@@ -63,6 +68,38 @@ def key_of(bridge: str) -> str:
     return f"PubSub.bridges.{bridge}"
 
 
+class Tells(Protocol):
+    """What a bridge tells of its components, as `operation.pubsub.told` has it."""
+
+    def __call__(self, component: Component, number: int = 0, key: str = "") -> Diagnostics | None:
+        """What it has counted of a component at its connection with a number; None where it says nothing."""
+        ...
+
+    def reset(self, component: Component, number: int = 0, key: str = "") -> bool:
+        """Begin to count anew; False where nothing is counted."""
+        ...
+
+    def has_problem(self, number: int) -> bool:
+        """Whether the connection is in the state Error."""
+        ...
+
+
+class _Silence:
+    """A bridge that tells nothing."""
+
+    def __call__(self, component: Component, number: int = 0, key: str = "") -> Diagnostics | None:
+        del component, number, key
+        return None
+
+    def reset(self, component: Component, number: int = 0, key: str = "") -> bool:
+        del component, number, key
+        return False
+
+    def has_problem(self, number: int) -> bool:
+        del number
+        return False
+
+
 class AnnouncedConnection:
     """See ShownConnection."""
 
@@ -75,7 +112,8 @@ class AnnouncedConnection:
         *,
         metadata: MetaDataOf,
         is_heard: Callable[[], bool],
-        diagnostics: Callable[[Component], Diagnostics | None] = lambda _: None,
+        told: Tells | None = None,
+        status: Topic | None = None,
     ) -> None:
         """Know nothing of a bridge.
 
@@ -84,10 +122,15 @@ class AnnouncedConnection:
             space: its own, which is the PublisherId of its announcements.
             metadata: of what it sends.
             is_heard: whether the bridge is heard.
-            diagnostics: what it says that it has counted, by component; None where it says nothing.
+            told: what it says that it has counted; left out: nothing.
+            status: its status DataSet, by which it is heard; None where it has none.
         """
         self.key, self.name, self.space = key_of(name), name, space
-        self._metadata, self._is_heard, self._diagnostics = metadata, is_heard, diagnostics
+        self._metadata, self._is_heard, self.told = metadata, is_heard, told or _Silence()
+        self._status = None if status is None else writer(status.ns, status.id)
+        self._announced_at: float | None = None
+        """When it announced something last."""
+        self._answers = False
         self._connection: PubSubConnection | None = None
         self._further: tuple[PubSubConnection, ...] = ()
         """Its other connections, as they were announced."""
@@ -99,8 +142,18 @@ class AnnouncedConnection:
         """Whether anything is known of it."""
         return self._connection is not None
 
-    def heard(self, announcement: AnyAnnouncement) -> None:
-        """Take what the bridge announces."""
+    @property
+    def is_muted(self) -> bool:
+        """Whether nothing tells each second that it is there: its status is not sent."""
+        return self.is_announced and (self._status is None or self.state(self._status) is not PubSubState.OPERATIONAL)
+
+    def look(self, now: float) -> None:
+        """Note whether it has announced something lately. To be called each second."""
+        self._answers = self._announced_at is not None and now - self._announced_at < PATIENCE_S
+
+    def heard(self, announcement: AnyAnnouncement, now: float, *, is_fresh: bool = True) -> None:
+        """Take what the bridge announces; `is_fresh` as in AnnouncementReceived."""
+        self._attest(announcement, now, is_fresh=is_fresh)
         if isinstance(announcement, ConnectionsAnnouncement):
             if announcement.connections:
                 self._take_connection(announcement.connections[0])
@@ -111,6 +164,14 @@ class AnnouncedConnection:
             is_disabled = announcement.state == PubSubState.DISABLED
             if is_disabled or announcement.state == PubSubState.OPERATIONAL:
                 self._connection = self._connection._replace(enabled=not is_disabled)
+
+    def _attest(self, announcement: AnyAnnouncement, now: float, *, is_fresh: bool) -> None:
+        """Note whether the bridge is there. Who has recorded a will may say it at any time: it can only end that."""
+        if not isinstance(announcement, StatusAnnouncement):
+            if is_fresh:
+                self._announced_at, self._answers = now, True
+        elif announcement.state == PubSubState.ERROR:
+            self._announced_at, self._answers = None, False
 
     def lacks(self, topics: Iterable[Topic]) -> bool:
         """Whether it has not announced the DataSetWriter of one of these, which it sends."""
@@ -169,14 +230,20 @@ class AnnouncedConnection:
         """See ShownConnection."""
         if self._connection is None:
             return None
-        return Part(f"bridge {self.name}", self._connection._replace(enabled=True))
+        return Part(f"bridge {self.name}", (self._connection._replace(enabled=True), self.tells_of(CONNECTION)))
 
     def groups(self) -> Mapping[Component, Part]:
         """See ShownConnection."""
         return {
-            writer_group(number): Part(group.name or str(number), group._replace(enabled=True))
+            writer_group(number): Part(
+                group.name or str(number), (group._replace(enabled=True), self.tells_of(writer_group(number)))
+            )
             for number, group in self._groups.items()
         }
+
+    def tells_of(self, component: Component, number: int = 0) -> bool:
+        """Whether the bridge tells what it has counted: what is shown before its first status has no Diagnostics."""
+        return self.told(component, number) is not None
 
     def members(self, group: Component) -> Mapping[Component, Part]:
         """See ShownConnection."""
@@ -202,8 +269,8 @@ class AnnouncedConnection:
 
     def describe(self, component: Component) -> Description:
         """See ShownConnection."""
-        state = Live(lambda: self._shown_state(component))
-        diagnostics = self._diagnostics(component)
+        state = self.further_state(0, component)
+        diagnostics = self.told(component)
         if component == CONNECTION:
             assert self._connection is not None
             return describe_connection(self._connection, state, diagnostics, can_switch=True)
@@ -225,17 +292,25 @@ class AnnouncedConnection:
 
     def further_state(self, number: int, component: Component) -> Live:
         """The state of a component on the connection with this number: what is switched, is so on all."""
-        del number
-        return Live(lambda: self._shown_state(component))
+        return Live(lambda: self._shown_state(component, number))
+
+    def further_diagnostics(self, number: int, key: str) -> Diagnostics | None:
+        """What is counted of the connection with this number itself; its NodeIds begin with `key`."""
+        return self.told(CONNECTION, number, key)
+
+    def reset_further(self, number: int, key: str) -> bool:
+        """Begin to count it anew; False where nothing is counted."""
+        return self.told.reset(CONNECTION, number, key)
 
     def describe_data_set(self, topic: Topic) -> Description:
         """See ShownConnection."""
         return describe_data_set(lambda: self._metadata(topic) or NO_METADATA, None)
 
-    def _shown_state(self, component: Component) -> Shown:
+    def _shown_state(self, component: Component, number: int) -> Shown:
         state = self.state(component)
-        # A bridge whose PubSubConnection is Disabled has said so, and is silent.
-        is_known = self._is_heard() or not self.is_enabled(CONNECTION)
+        if component == CONNECTION and state is PubSubState.OPERATIONAL and self.told.has_problem(number):
+            state = PubSubState.ERROR
+        is_known = self._is_heard() or (self.is_muted and self._answers)
         return Shown(int(state), 0 if is_known else _NO_COMMUNICATION)
 
     def _take_connection(self, connection: PubSubConnection) -> None:

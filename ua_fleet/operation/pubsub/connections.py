@@ -288,9 +288,10 @@ class ServerConnection:
         counters, live = self._counted_connection(number)
         return Diagnostics(self._resets.counters(key, CONNECTION, counters), live)
 
-    def reset_further(self, number: int, key: str) -> None:
-        """Begin to count it anew."""
+    def reset_further(self, number: int, key: str) -> bool:
+        """Begin to count it anew; it is always counted."""
         self._resets.reset(key, CONNECTION, self.further_diagnostics(number, key).counters)
+        return True
 
     def describe_data_set(self, topic: Topic) -> Description:
         """See ShownConnection."""

@@ -1,7 +1,7 @@
 """The further PubSubConnections of a process that has several: by each goes what goes by its first one. Pure.
 
 Each has an Object with its own address, profile and security, and with the WriterGroups and DataSetWriters as they are
-on it; one of the server has also what is counted of the connection itself. What is of the process stands at its first
+on it, and what is counted of the connection itself, where its process tells. What is of the process stands at its first
 PubSubConnection alone: the switches, the counters of groups and below, the DataSetReaders and the PublishedDataSets.
 """
 
@@ -57,7 +57,7 @@ class FurtherConnection:
             return None
         # What a bridge calls itself is no name here: it could be that of another one.
         name = known.name if isinstance(first, ServerConnection) else f"bridge {first.name} {self._name}"
-        return Part(name or self.key, known._replace(enabled=True, writer_groups=()))
+        return Part(name or self.key, (known._replace(enabled=True, writer_groups=()), self._diagnostics() is not None))
 
     def groups(self) -> Mapping[Component, Part]:
         """See ShownConnection."""
@@ -104,20 +104,15 @@ class FurtherConnection:
 
     def reset(self, component: Component) -> bool:
         """Begin to count anew; whether anything is counted there."""
-        if component != CONNECTION or not isinstance(self._first, ServerConnection):
-            return False
-        self._first.reset_further(self._number, self.key)
-        return True
+        return component == CONNECTION and self._first.reset_further(self._number, self.key)
 
     def has_failed(self) -> bool:
-        """Whether it has counted an error."""
-        diagnostics = self._diagnostics()
+        """Whether it is a connection of the server, and has counted an error."""
+        diagnostics = self._diagnostics() if isinstance(self._first, ServerConnection) else None
         return diagnostics is not None and bool(diagnostics.total(errors=True))
 
     def _diagnostics(self) -> Diagnostics | None:
-        if isinstance(self._first, ServerConnection):
-            return self._first.further_diagnostics(self._number, self.key)
-        return None
+        return self._first.further_diagnostics(self._number, self.key)
 
     def _known(self) -> PubSubConnection | None:
         return self._first.further(self._number)

@@ -44,6 +44,7 @@ from ua_fleet.transport.mqtt.credentials import Credentials
 from ua_fleet.transport.mqtt.json import JsonSettings
 from ua_fleet.transport.mqtt.outbox import WINDOW_BYTES, Outbox
 from ua_fleet.transport.mqtt.patience import Patience
+from ua_fleet.transport.mqtt.pauses import Pauses
 from ua_fleet.transport.mqtt.topics import Kind, TopicTree
 from ua_fleet.transport.party import Party
 from ua_fleet.values import ticks_from_unix_ns
@@ -53,8 +54,6 @@ __all__ = ["MqttTransport"]
 _REFUSED_AGAIN_S: Final = 5.0
 _REFUSED_LATEST_S: Final = 60.0
 """What the broker refused to deliver is asked for again after a pause, which doubles from the one to the other."""
-_FIRST_PAUSE_S: Final = 0.2
-_LONGEST_PAUSE_S: Final = 5.0
 _LASTED_S: Final = 10.0
 """A connection that lasted so long worked: the next one is tried soon."""
 _RIVALS_AFTER: Final = 3
@@ -131,7 +130,7 @@ class MqttTransport:
         self._most_waiting_bytes, self._max_message_bytes = most_waiting_bytes, max_message_bytes
         self._hears_itself, self._json = hears_itself, json
         self._content_type = _CONTENT_TYPE if json is None else _JSON_TYPE
-        self._random = random or Random()  # noqa: S311 - keeps no secret
+        self._pauses = Pauses(random or Random())  # noqa: S311 - keeps no secret
         self.stats = TransportStats(problem=f"{url}: not connected yet")
         self._party: Party | None = None
         self._core: Carried | None = None
@@ -230,7 +229,6 @@ class MqttTransport:
         self._count()
 
     async def _keep_connected(self) -> None:
-        pause_s = _FIRST_PAUSE_S
         while not self._is_closing:
             began, made = self._clock(), self._short
             self._was_stuck = False
@@ -244,7 +242,8 @@ class MqttTransport:
             if not reason:
                 continue
             if self._clock() - began > _LASTED_S:
-                pause_s, self._short = _FIRST_PAUSE_S, 0
+                self._pauses.begin_anew()
+                self._short = 0
             # A rival has connections closed that were made: a broker that is down, or acknowledges nothing, does not.
             if self._short >= _RIVALS_AFTER and self._short > made and not self._was_stuck:
                 reason = (
@@ -256,8 +255,7 @@ class MqttTransport:
             self._tell(reason)
             self._nodes.rotate(-1)
             self._url, self._address = self._nodes[0]
-            await asyncio.sleep(pause_s * self._random.uniform(0.5, 1.5))
-            pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
+            await asyncio.sleep(self._pauses.next_s())
 
     async def _connect_and_stay(self) -> str:
         """Have one connection until it is over; why, or nothing where the next one is to be tried at once."""

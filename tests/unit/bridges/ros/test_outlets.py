@@ -24,7 +24,7 @@ from ua_fleet.counters import Drop
 from ua_fleet.pubsub import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType
-from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
+from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData, FrameKind
 
 FOREIGN, SPEED = Topic(1, 2, 1001), Topic(0, 2, 2001)
 NUMBER = (make_field("data", BuiltinType.DOUBLE, properties={"RosType": "std_msgs/Float64"}),)
@@ -61,7 +61,8 @@ class FakePublishing(Publishing[FakeOutlet]):
         self.told: list[tuple[str | None, str | None]] = []
         self.held = 0
 
-    def mirror(self, name: str, form: Form, *, latched: bool) -> tuple[FakeOutlet, Form]:
+    def mirror(self, name: str, form: Form, *, latched: bool, are_events: bool) -> tuple[FakeOutlet, Form]:
+        assert not (latched and are_events)
         if form.ros_type == "nobody_msgs/Thing":
             raise SchemaInvalid(form.ros_type, "it is not installed")
         return FakeOutlet(name, latched), form
@@ -94,10 +95,13 @@ class Bench:
         config = DataSetConfig(id=SPEED.id, origin="server", fields=fields, sink=side)
         self.outlets.add_sink(Mapped("rover", "speed", SPEED, config, side))
 
-    def publish(self, *values: Any, topic: Topic = FOREIGN, fields: Any = NUMBER) -> bool:
+    def publish(
+        self, *values: Any, topic: Topic = FOREIGN, fields: Any = NUMBER, kind: FrameKind = FrameKind.KEY
+    ) -> bool:
         self.timestamp += 1
         metadata = DataSetMetaData("source", fields, ConfigurationVersion(7, 7))
-        return self.outlets.publish(topic, metadata, DataSetMessage(topic.id, values=values, timestamp=self.timestamp))
+        message = DataSetMessage(topic.id, kind, values=values, timestamp=self.timestamp)
+        return self.outlets.publish(topic, metadata, message)
 
     def drops(self) -> list[tuple[Drop, int, str]]:
         return [(event.cause, event.count, event.detail) for event in self.events if isinstance(event, Dropped)]
@@ -133,7 +137,8 @@ def test_states_are_latched_and_events_are_not(bench: Bench) -> None:
     bench.publish(1.0)
     bench.publish(1.0, topic=Topic(0, 2, 5))
     bench.publish(1.0, topic=Topic(1, 2, 6), fields=mark_latched(NUMBER))
-    assert [outlet.latched for outlet in bench.outlets] == [False, True, True]
+    bench.publish(1.0, topic=Topic(0, 2, 7), kind=FrameKind.EVENT)
+    assert [outlet.latched for outlet in bench.outlets] == [False, True, True, False]
 
 
 def test_a_type_that_is_not_here_is_told_for_each_message(bench: Bench) -> None:

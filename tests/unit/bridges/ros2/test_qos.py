@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 from ua_bridges.ros.topic_mapping import QosConfig
-from ua_bridges.ros2.qos import MIRROR, QUEUE_DEPTH, Offer, Qos, choose, is_outdated, sink_qos
+from ua_bridges.ros2.qos import EVENTS, MIRROR, QUEUE_DEPTH, Offer, Qos, choose, is_outdated, sink_qos
 
 A, B = b"a", b"b"
 
@@ -64,6 +64,10 @@ def test_when_a_subscription_is_made_again(
 
 def test_every_subscriber_matches_a_mirrored_topic() -> None:
     assert (MIRROR.reliable, MIRROR.transient_local, MIRROR.depth) == (True, True, 1)
+
+
+def test_events_are_kept_for_who_is_there_and_for_nobody_else() -> None:
+    assert Qos(reliable=True, transient_local=False, depth=QUEUE_DEPTH) == EVENTS
 
 
 def test_sink_offers_rclpys_default_unless_configured() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -27,6 +28,7 @@ from ua_fleet.wire.messages import Probe, ProbeKind, PublisherIdType
 SPACE, WALL = 3, 134_000_000_000_000_000
 FIELDS = (make_field("level", BuiltinType.DOUBLE),)
 CODEC = Codec()
+STATUS = Topic(SPACE, 2, 1900)
 TOPICS = [Topic(SPACE, ns, writer_id) for ns in (2, 4) for writer_id in (1001 + ns, 1011 + ns)]
 
 
@@ -41,6 +43,7 @@ class Bridge:
             SPACE,
             metadata=self.publisher.metadata,
             is_heard=lambda: self.is_heard,
+            status=STATUS,
         )
         self.publisher.begin(now=self.now, wall_ticks=WALL)
 
@@ -64,7 +67,7 @@ class Bridge:
     def hear(self, datagram: bytes) -> None:
         message: Any = CODEC.decode(datagram)
         if hasattr(message, "sequence_number") and not hasattr(message, "messages"):
-            self.known.heard(message)
+            self.known.heard(message, self.now)
 
     def shown(self) -> dict[Component, str]:
         groups = self.known.groups()
@@ -96,16 +99,88 @@ def test_the_states_are_those_that_the_bridge_has_said_and_not_good_while_it_is_
     assert state.now() == (PubSubState.OPERATIONAL, 0)
     bridge.is_heard = False
     assert state.now() == (PubSubState.OPERATIONAL, StatusCode.BAD_NO_COMMUNICATION)
-    bridge.known.heard(StatusAnnouncement(SPACE, 1, 0, False, PubSubState.DISABLED.value))
-    assert state.now() == (PubSubState.PAUSED, 0)  # it has said so, and is silent since
-    assert bridge.known.describe(CONNECTION).values["Status.State"].now() == (PubSubState.DISABLED, 0)
+
+
+def disabled_status(bridge: Bridge, component: Component) -> None:
+    """Have a bridge that tells its status disable something, and be silent."""
+    for topic in (STATUS, TOPICS[0], TOPICS[2]):
+        bridge.announce(topic)
+    bridge.ask()
+    for datagram in bridge.publisher.switches.disable(component, timestamp=WALL, now=bridge.now):
+        bridge.hear(datagram)
+    bridge.tell()
+    bridge.is_heard = False
+
+
+@pytest.mark.parametrize(
+    ("component", "shown"),
+    [
+        (CONNECTION, (PubSubState.DISABLED, PubSubState.PAUSED, PubSubState.PAUSED)),
+        (writer_group(2), (PubSubState.OPERATIONAL, PubSubState.DISABLED, PubSubState.OPERATIONAL)),
+        (writer(2, 1900), (PubSubState.OPERATIONAL, PubSubState.OPERATIONAL, PubSubState.OPERATIONAL)),
+    ],
+)
+def test_a_bridge_whose_status_is_disabled_is_not_taken_for_one_that_is_gone(
+    component: Component, shown: tuple[PubSubState, ...]
+) -> None:
+    bridge = Bridge()
+    disabled_status(bridge, component)
+    bridge.known.look(bridge.now)
+    states = [
+        bridge.known.describe(each).values["Status.State"].now()
+        for each in (CONNECTION, writer_group(2), writer(4, 1005))
+    ]
+    assert states == [(state, 0) for state in shown]
+    bridge.is_heard = True
+    assert bridge.known.is_muted
+    for datagram in bridge.publisher.switches.enable(component, now=bridge.now):
+        bridge.hear(datagram)
+    bridge.tell()
+    assert not bridge.known.is_muted
+
+
+def test_a_bridge_that_was_told_to_be_silent_is_gone_when_it_does_not_answer_either() -> None:
+    bridge = Bridge()
+    disabled_status(bridge, writer_group(2))
+    state = bridge.known.describe(CONNECTION).values["Status.State"]
+    bridge.known.look(bridge.now + 24.0)
+    assert state.now() == (PubSubState.OPERATIONAL, 0)
+    bridge.known.look(bridge.now + 26.0)
+    assert state.now() == (PubSubState.OPERATIONAL, StatusCode.BAD_NO_COMMUNICATION)
+    bridge.now += 100.0
+    kept = ConnectionsAnnouncement(SPACE, 1, 0, (bridge.publisher.configuration(),))
+    bridge.known.heard(kept, bridge.now, is_fresh=False)  # what a broker has kept may be of any time
+    bridge.known.heard(StatusAnnouncement(SPACE, 1, 0, False, PubSubState.OPERATIONAL.value), bridge.now)
+    bridge.known.look(bridge.now)
+    assert state.now().status == StatusCode.BAD_NO_COMMUNICATION
+    bridge.ask()
+    bridge.known.look(bridge.now)
+    assert state.now().status == 0
+
+
+def test_the_will_of_a_silent_bridge_ends_it_at_once() -> None:
+    bridge = Bridge()
+    disabled_status(bridge, writer_group(2))
+    bridge.known.heard(StatusAnnouncement(SPACE, 1, 0, False, PubSubState.ERROR.value), bridge.now)
+    bridge.known.look(bridge.now)
+    assert bridge.known.describe(CONNECTION).values["Status.State"].now().status == StatusCode.BAD_NO_COMMUNICATION
+
+
+def test_what_is_heard_of_a_bridge_says_nothing_while_its_status_is_missing() -> None:
+    """A bridge that still announces something, and does not send its status as it should, is not well."""
+    bridge = Bridge()
+    bridge.announce(STATUS)
+    bridge.ask()
+    bridge.is_heard = False
+    bridge.known.look(bridge.now)
+    assert bridge.known.describe(CONNECTION).values["Status.State"].now().status == StatusCode.BAD_NO_COMMUNICATION
 
 
 def test_a_connection_whose_writers_do_not_fit_into_one_message_waits_for_them() -> None:
     bridge = Bridge()
     bridge.announce(TOPICS[0])
     made = bridge.publisher.configuration()
-    bridge.known.heard(ConnectionsAnnouncement(SPACE, 1, 0, (made,)))
+    bridge.known.heard(ConnectionsAnnouncement(SPACE, 1, 0, (made,)), bridge.now)
     assert bridge.known.lacks([TOPICS[0]])
     assert bridge.shown() == {writer_group(2): "group-2"}
     bridge.tell()
@@ -127,15 +202,15 @@ def test_whatever_is_announced_so_many_groups_and_writers_are_shown() -> None:
     bridge = Bridge()
     made = bridge.publisher.configuration()
     large = [group_of(number, 15_000) for number in (1, 2)]
-    bridge.known.heard(ConnectionsAnnouncement(SPACE, 1, 0, (made._replace(writer_groups=tuple(large)),)))
+    bridge.known.heard(ConnectionsAnnouncement(SPACE, 1, 0, (made._replace(writer_groups=tuple(large)),)), bridge.now)
     members = [len(bridge.known.members(writer_group(number))) for number in (1, 2)]
     assert members == [15_000, 5_000]
-    bridge.known.heard(configuration_of(group_of(3, 10)))
+    bridge.known.heard(configuration_of(group_of(3, 10)), bridge.now)
     assert not bridge.known.members(writer_group(3))
     groups = tuple(group_of(number, 0) for number in range(1, 301))
-    bridge.known.heard(ConnectionsAnnouncement(SPACE, 1, 0, (made._replace(writer_groups=groups),)))
-    bridge.known.heard(configuration_of(group_of(400, 1)))
-    bridge.known.heard(configuration_of(group_of(7, 1)))
+    bridge.known.heard(ConnectionsAnnouncement(SPACE, 1, 0, (made._replace(writer_groups=groups),)), bridge.now)
+    bridge.known.heard(configuration_of(group_of(400, 1)), bridge.now)
+    bridge.known.heard(configuration_of(group_of(7, 1)), bridge.now)
     assert list(bridge.known.groups()) == [writer_group(number) for number in range(1, 257)]
 
 

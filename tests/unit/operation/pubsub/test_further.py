@@ -11,14 +11,24 @@ from ua_fleet.counters import Counters
 from ua_fleet.operation.pubsub.bridges import MOST_CONNECTIONS, AnnouncedConnection
 from ua_fleet.operation.pubsub.connections import Resets, ServerConnection
 from ua_fleet.operation.pubsub.further import FurtherConnection, key_of_further
+from ua_fleet.operation.pubsub.told import ToldDiagnostics
 from ua_fleet.pubsub import Publisher, PubSubTiming, make_field
 from ua_fleet.pubsub.application import MQTT_UADP, UDP_UADP, Application, describe
 from ua_fleet.pubsub.components import CONNECTION, writer, writer_group
+from ua_fleet.pubsub.group_figures import FIGURES_FIELD, GroupFigures, packed
+from ua_fleet.pubsub.remote_writer import RemoteWriter
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode
 from ua_fleet.wire import Codec
 from ua_fleet.wire.discovered import ConnectionsAnnouncement, PubSubState
-from ua_fleet.wire.messages import Probe, ProbeKind, PublisherIdType
+from ua_fleet.wire.messages import (
+    ConfigurationVersion,
+    DataSetMessage,
+    DataSetMetaData,
+    Probe,
+    ProbeKind,
+    PublisherIdType,
+)
 
 WALL = 134_000_000_000_000_000
 FIELDS = (make_field("level", BuiltinType.DOUBLE),)
@@ -63,8 +73,25 @@ class Bridge:
     def __init__(self) -> None:
         self.is_heard = True
         self.publisher = on_two(3, "bridge b")
-        self.first = AnnouncedConnection("b", 3, metadata=self.publisher.metadata, is_heard=lambda: self.is_heard)
+        self.status = RemoteWriter(Topic(3, 2, 1900), 0.0, Counters())
+        self.told = ToldDiagnostics(
+            "PubSub.bridges.b", lambda: self.status, lambda: self.is_heard, "{}".format, Resets()
+        )
+        self.first = AnnouncedConnection(
+            "b",
+            3,
+            metadata=self.publisher.metadata,
+            is_heard=lambda: self.is_heard,
+            told=self.told,
+            status=Topic(3, 2, 1900),
+        )
         self.site = FurtherConnection(self.first, "site", 1)
+
+    def say(self, *figures: GroupFigures) -> None:
+        """Have its status tell this."""
+        field = make_field(FIGURES_FIELD, BuiltinType.UINT32, array=True)
+        self.status.metadata = DataSetMetaData("status", (field,), ConfigurationVersion(1, 1))
+        self.status.last_frame = DataSetMessage(1900, values=(packed(figures),))
 
     def ask(self) -> None:
         kind = ProbeKind.PUBSUB_CONNECTIONS
@@ -72,7 +99,7 @@ class Bridge:
         for datagram in [*self.publisher.answer(probe, 102.0), *self.publisher.poll(104.0, WALL)]:
             message: Any = CODEC.decode(datagram)
             if isinstance(message, ConnectionsAnnouncement):
-                self.first.heard(message)
+                self.first.heard(message, 0.0)
 
 
 def test_a_further_connection_of_the_server_has_its_own_address_profile_and_security() -> None:
@@ -158,6 +185,42 @@ def test_a_further_connection_of_a_bridge_is_what_it_has_announced() -> None:
 def test_so_many_connections_of_a_bridge_are_kept() -> None:
     bridge = Bridge()
     made = bridge.publisher.configuration(1)
-    bridge.first.heard(ConnectionsAnnouncement(3, 1, 0, (made,) * 500))
+    bridge.first.heard(ConnectionsAnnouncement(3, 1, 0, (made,) * 500), 0.0)
     assert bridge.first.further(MOST_CONNECTIONS - 1) is not None
     assert bridge.first.further(MOST_CONNECTIONS) is None
+
+
+def test_each_connection_of_a_bridge_is_in_the_state_that_the_bridge_tells() -> None:
+    bridge = Bridge()
+    bridge.ask()
+    before = bridge.site.connection()
+    assert "Diagnostics.Counters.StateError" not in bridge.site.describe(CONNECTION).values  # it has told nothing yet
+    bridge.say(GroupFigures(0), GroupFigures(0, connection=1, errors=3, from_error=2, has_problem=1))
+    assert bridge.site.connection() != before  # so that its Object is made again, with Diagnostics
+    hall, site = [shown.describe(CONNECTION).values for shown in (bridge.first, bridge.site)]
+    assert (hall["Status.State"].now(), site["Status.State"].now()) == (
+        (PubSubState.OPERATIONAL, 0),
+        (PubSubState.ERROR, 0),
+    )
+    counted = [each["Diagnostics.Counters.StateError"].now() for each in (hall, site)]
+    assert counted == [(0, 0), (3, 0)]
+    assert site["Diagnostics.Counters.StateOperationalFromError"].now() == (2, 0)
+    assert site["Diagnostics.LiveValues.ResolvedAddress"].now() == ("1", 0)
+    assert not bridge.site.has_failed()  # what a bridge counts is no error of the server
+    assert bridge.site.reset(CONNECTION)
+    assert not bridge.site.reset(GROUP)
+    assert [each["Diagnostics.Counters.StateError"].now() for each in (hall, site)] == [(0, 0), (0, 0)]
+    bridge.say(GroupFigures(0), GroupFigures(0, connection=1, errors=4, from_error=4))
+    assert site["Status.State"].now() == (PubSubState.OPERATIONAL, 0)
+    assert site["Diagnostics.Counters.StateError"].now() == (1, 0)
+    bridge.is_heard = False
+    bridge.say(GroupFigures(0, has_problem=1), GroupFigures(0, connection=1))
+    assert hall["Status.State"].now() == (PubSubState.OPERATIONAL, StatusCode.BAD_NO_COMMUNICATION)
+
+
+def test_a_connection_that_is_switched_off_is_disabled_also_where_its_transport_fails() -> None:
+    bridge = Bridge()
+    bridge.ask()
+    bridge.say(GroupFigures(0), GroupFigures(0, connection=1, has_problem=1))
+    bridge.first.switched(CONNECTION, is_enabled=False)
+    assert bridge.site.describe(CONNECTION).values["Status.State"].now().value == PubSubState.DISABLED

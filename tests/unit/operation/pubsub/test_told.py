@@ -26,7 +26,7 @@ class Told:
         self.status = RemoteWriter(Topic(3, 2, 900), 0.0, Counters())
         self.is_heard = True
         self.diagnostics = ToldDiagnostics(
-            "PubSub.bridges.b", lambda: self.status, lambda: self.is_heard, lambda: "239.0.0.1", Resets()
+            "PubSub.bridges.b", lambda: self.status, lambda: self.is_heard, "239.0.0.{}".format, Resets()
         )
 
     def say(self, figures: Iterable[GroupFigures]) -> None:

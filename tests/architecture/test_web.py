@@ -17,6 +17,7 @@ from tests.console.browsing import WIDEST_PICTURES
 
 WEB: Final = system.ROOT / "web"
 SOURCES: Final = sorted(path for path in (WEB / "src").rglob("*") if path.suffix in (".ts", ".svelte"))
+MOST_LINES: Final = 400
 PAGES: Final = [path for path in SOURCES if path.suffix == ".svelte"]
 
 
@@ -31,6 +32,12 @@ def keys(part: dict[str, Any], above: str = "") -> Iterator[str]:
 TEXTS: Final = list(keys(json.loads((WEB / "src" / "texts" / "en.json").read_text(encoding="utf-8"))))
 _TEMPLATE = re.compile(r"`((?:[a-z0-9_]+\.)+[a-z0-9_]*(?:\$\{[^`}]*\}[a-z0-9_]*)+)`")
 """A key that is put together, as `link.${state}`."""
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(WEB / "src")))
+def test_no_file_is_long(path: Path) -> None:
+    """What is longer has parts that can stand by themselves."""
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= MOST_LINES
 
 
 @pytest.mark.needs("npm")

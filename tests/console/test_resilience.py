@@ -106,6 +106,10 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     choose = page.get_by_role("button", name="Choose right")
     choose.scroll_into_view_if_needed()
     expect(choose).to_be_in_viewport(ratio=1)
+    narrow = page.get_by_role("table", name="Scores")
+    assert narrow.evaluate("one => one.scrollWidth - one.parentElement.clientWidth") <= 0, "it is to be scrolled"
+    expect(narrow.get_by_role("row").nth(1).get_by_role("cell", name="worth").first).to_contain_text("battery")
+    expect(narrow.get_by_role("columnheader", name="battery")).to_be_visible()
     browsing.show(page, "light", 1280)
     _find_it_from_the_run(page)
     page.get_by_role("button", name="Keep for this decision").click()

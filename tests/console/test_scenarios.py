@@ -8,7 +8,7 @@ import signal
 from collections.abc import Callable
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, Page, expect
 
 from tests.console import browsing
 from tests.console.conftest import Fleet
@@ -90,6 +90,21 @@ def test_a_scenario_is_duplicated_and_deleted(fleet: Fleet, open_page: Open) -> 
     expect(row(page, "old_copy")).to_have_count(0)
 
 
+def _goes_down(page: Page, nodes: Locator, scale: str) -> None:
+    """In a narrow window each step can be read, and what follows stands below."""
+    graph = page.get_by_role("group", name="Graph")
+    first, last = nodes.filter(has_text="one").first, nodes.filter(has_text="again").first
+    expect(first).to_be_in_viewport(ratio=0.99)
+    assert page.locator(".svelte-flow__viewport").evaluate(scale) >= 0.8
+    assert graph.evaluate("one => one.scrollWidth - one.clientWidth") <= 0, "two beside each other have room"
+    last.scroll_into_view_if_needed()
+    expect(last).to_be_in_viewport(ratio=0.99)
+    boxes = [one.bounding_box() for one in (first, last)]
+    assert boxes[0] is not None
+    assert boxes[1] is not None
+    assert boxes[0]["y"] + boxes[0]["height"] < boxes[1]["y"]
+
+
 def test_a_scenario_is_started_with_its_parameters_and_followed(
     fleet: Fleet, open_page: Open, picture: Picture
 ) -> None:
@@ -123,13 +138,13 @@ def test_a_scenario_is_started_with_its_parameters_and_followed(
     expect(nodes).to_have_count(9)
     expect(nodes.filter(has_text="again")).to_contain_text("time 2")
     expect(page.locator(".svelte-flow__edge")).to_have_count(11)
-    # In a window of another size it is whole again, until somebody looks at a part of it.
+    # In a window of another size it is whole again, until somebody looks at a part of it; in a narrow one it goes down.
     scale = "one => new DOMMatrix(getComputedStyle(one).transform).a"
     page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
     wide = page.locator(".svelte-flow__viewport").evaluate(scale)
     picture(page, "run-graph")
     browsing.show(page, "light", 360)
-    page.wait_for_function(f"wide => ({scale})(document.querySelector('.svelte-flow__viewport')) < wide", arg=wide)
+    _goes_down(page, nodes, scale)
     browsing.show(page, "light", 1280)
     page.wait_for_function(f"wide => ({scale})(document.querySelector('.svelte-flow__viewport')) === wide", arg=wide)
     page.get_by_role("button", name="Show all").click()

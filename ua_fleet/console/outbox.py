@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from ua_fleet.console.board import Board, encoded
 
-__all__ = ["LEAST_INTERVAL_S", "MOST_CHARACTERS", "MOST_INTERVAL_S", "PageOutbox"]
+__all__ = ["FEW_CHARACTERS", "LEAST_INTERVAL_S", "MOST_CHARACTERS", "MOST_INTERVAL_S", "PageOutbox"]
 
 LEAST_INTERVAL_S: Final = 0.05
 MOST_INTERVAL_S: Final = 5.0
@@ -21,6 +21,10 @@ MOST_INTERVAL_S: Final = 5.0
 MOST_CHARACTERS: Final = 16_384
 """Of a feed in a message, about, unless it is told whole: a page that had all robots at once would stand still for it.
 300 of them have room if only their times changed. What waits for longest goes first, the rest with the next message."""
+FEW_CHARACTERS: Final = 6_000
+"""With so many of a feed a message may end, where what waits is told in about ten such: 1,000 robots that all tell
+something each second then take half a second of small updates. More that wait have larger ones, up to the above."""
+_MESSAGES: Final = 10
 _SLACK: Final = 1000
 
 
@@ -76,15 +80,15 @@ class _Watched:
     def _longest_waiting(self) -> list[str]:
         """As many of the keys as a message may have, with what is told of them."""
         set_, part, gone = list[str](), list[str](), list[str]()
-        characters = 0
-        for key, changed in self.keys.items():
+        characters, enough = 0, len(self.keys) / _MESSAGES
+        for told, (key, changed) in enumerate(self.keys.items(), 1):
             text = changed or self.board.get(key)
             if text is None:
                 gone.append(json.dumps(key, ensure_ascii=False))
             else:
                 (set_ if changed is None else part).append(_pair(key, text))
             characters += len(key) + len(text or "")
-            if characters >= self._most_characters:
+            if characters >= self._most_characters or (characters >= FEW_CHARACTERS and told >= enough):
                 break
         told = len(set_) + len(part) + len(gone)
         for key in list(itertools.islice(self.keys, told)):

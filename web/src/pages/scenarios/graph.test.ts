@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { type Graph, graphOf, NODE } from './graph';
+import { type Graph, type GraphNode, graphOf, NODE, type Way } from './graph';
 import type { Outline, Step, TaskRow } from './types';
 
 const task = (step: string, name: string, after: string[] = []): Step => ({
@@ -8,9 +8,9 @@ const task = (step: string, name: string, after: string[] = []): Step => ({
 const wait = (step: string): Step => ({
   ...{ step, line: 1, kind: 'wait', for_s: 1, until: null, event: null, timeout_s: null },
 });
-const of = (steps: Step[], tasks: TaskRow[] = []) => {
+const of = (steps: Step[], tasks: TaskRow[] = [], way: Way = 'right') => {
   const outline: Outline = { name: 'a', description: '', parameters: [], steps, problems: [] };
-  return graphOf(outline, tasks);
+  return graphOf(outline, tasks, way);
 };
 const row = (step: string, state: TaskRow['state']): TaskRow => ({
   ...{ step, task: 'x', robot: 'left', skill: 'work', state, attempt: 1, result: {}, message: '' },
@@ -82,8 +82,11 @@ describe('graphOf', () => {
       '1.0.0 after 1.1.0',
     ]);
   });
-  it('goes from left to right, with nothing over anything else, and within its size', () => {
-    const graph = of(ALL);
+  it.each(['right', 'down'] as const)('goes %s, with nothing over anything else, and within its size', (way) => {
+    const graph = of(ALL, [], way);
+    const end = (one?: GraphNode) =>
+      way === 'right' ? (one?.x ?? 0) + (one?.width ?? 0) : (one?.y ?? 0) + (one?.height ?? 0);
+    const start = (one?: GraphNode) => (way === 'right' ? one?.x : one?.y) ?? 0;
     const { nodes } = graph;
     for (const one of nodes) {
       expect([one.x >= 0, one.y >= 0]).toEqual([true, true]);
@@ -100,8 +103,14 @@ describe('graphOf', () => {
     }
     for (const edge of graph.edges.filter((one) => one.kind !== 'back' && one.kind !== 'after')) {
       const [from, to] = [at(graph, edge.from), at(graph, edge.to)];
-      expect((from?.x ?? 0) + (from?.width ?? 0)).toBeLessThan(to?.x ?? 0);
+      expect(end(from)).toBeLessThan(start(to));
     }
+  });
+  it('goes down with steps of the same size, and the same edges', () => {
+    const [right, down] = [of(ALL), of(ALL, [], 'down')];
+    expect(edges(down)).toEqual(edges(right));
+    expect(at(down, '0')).toMatchObject({ ...NODE, y: 0 });
+    expect(down.width).toBeLessThan(right.width / 3);
   });
   it('has the last repetition that a task has come to', () => {
     const graph = of(ALL, [row('3.repeat.0@0', 'done'), row('3.repeat.0@1', 'accepted')]);

@@ -1,4 +1,4 @@
-/** The steps of a run as a graph that goes from left to right: where each stands, and what follows what. Pure. */
+/** The steps of a run as a graph that goes from left to right or down: where each stands, what follows what. Pure. */
 import { groupedBy, placeOf } from './runs';
 import type { Outline, Step, TaskRow } from './types';
 
@@ -34,9 +34,13 @@ export interface Graph {
   height: number;
 }
 
+/** Where the order goes: down where there is no room beside each other. */
+export type Way = 'right' | 'down';
+
 export const NODE = { width: 190, height: 64 };
 const DOT = 12;
-const GAP = { x: 64, y: 24 };
+/** Between steps that follow each other, and between those side by side. */
+const GAPS: Record<Way, { x: number; y: number }> = { right: { x: 64, y: 24 }, down: { x: 32, y: 16 } };
 /** Room above and below a repetition for the way back. */
 const BACK = 24;
 
@@ -45,6 +49,8 @@ interface Size {
   height: number;
 }
 
+const turned = <T extends Size>(one: T): T => ({ ...one, width: one.height, height: one.width });
+
 /** What edges come into and go out of. */
 interface Ends {
   entries: string[];
@@ -52,13 +58,19 @@ interface Ends {
   exits: { id: string; kind: GraphEdge['kind'] }[];
 }
 
+/** Lays steps out from left to right; what is to go down is turned afterwards, so its steps are high and narrow here. */
 class Layout {
   readonly nodes: GraphNode[] = [];
   readonly edges: GraphEdge[] = [];
   private readonly sizes = new Map<Step, Size>();
   private readonly rows: Map<string, TaskRow[]>;
 
-  constructor(tasks: readonly TaskRow[]) {
+  private readonly size: Size;
+  private readonly gap: { x: number; y: number };
+
+  constructor(tasks: readonly TaskRow[], way: Way) {
+    this.size = way === 'down' ? turned(NODE) : NODE;
+    this.gap = GAPS[way];
     this.rows = groupedBy(tasks, (one) => placeOf(one.step));
   }
 
@@ -76,26 +88,29 @@ class Layout {
         return this.row(step.steps);
       case 'parallel': {
         const branches = this.column(step.steps.map((one) => this.sizeOf(one)));
-        return { width: branches.width + 2 * (DOT + GAP.x), height: Math.max(DOT, branches.height) };
+        return { width: branches.width + 2 * (DOT + this.gap.x), height: Math.max(DOT, branches.height) };
       }
       case 'if': {
         const ways = this.column([step.then, step.else].filter((one) => one.length).map((one) => this.row(one)));
-        return { width: NODE.width + (ways.width && GAP.x + ways.width), height: Math.max(NODE.height, ways.height) };
+        return {
+          width: this.size.width + (ways.width && this.gap.x + ways.width),
+          height: Math.max(this.size.height, ways.height),
+        };
       }
       case 'repeat': {
         const body = this.row(step.steps);
-        const width = NODE.width + (body.width && GAP.x + body.width);
-        return { width, height: Math.max(NODE.height, body.height) + 2 * BACK };
+        const width = this.size.width + (body.width && this.gap.x + body.width);
+        return { width, height: Math.max(this.size.height, body.height) + 2 * BACK };
       }
       default:
-        return NODE;
+        return this.size;
     }
   }
 
   private row(steps: readonly Step[]): Size {
     const sizes = steps.map((one) => this.sizeOf(one));
     return {
-      width: sizes.reduce((sum, one) => sum + one.width, 0) + GAP.x * Math.max(0, sizes.length - 1),
+      width: sizes.reduce((sum, one) => sum + one.width, 0) + this.gap.x * Math.max(0, sizes.length - 1),
       height: Math.max(0, ...sizes.map((one) => one.height)),
     };
   }
@@ -103,12 +118,12 @@ class Layout {
   private column(sizes: readonly Size[]): Size {
     return {
       width: Math.max(0, ...sizes.map((one) => one.width)),
-      height: sizes.reduce((sum, one) => sum + one.height, 0) + GAP.y * Math.max(0, sizes.length - 1),
+      height: sizes.reduce((sum, one) => sum + one.height, 0) + this.gap.y * Math.max(0, sizes.length - 1),
     };
   }
 
   private node(id: string, kind: GraphNode['kind'], step: Step, x: number, middle: number): void {
-    const size = kind === 'dot' ? { width: DOT, height: DOT } : NODE;
+    const size = kind === 'dot' ? { width: DOT, height: DOT } : this.size;
     const rows = kind === 'task' ? (this.rows.get(step.step) ?? []) : [];
     const own = { id, kind, step, task: rows.at(-1) ?? null, times: rows.length };
     this.nodes.push({ ...own, ...size, x, y: middle - size.height / 2 });
@@ -129,7 +144,7 @@ class Layout {
       if (at === 0) ends.entries = entries;
       else if (entries.length) this.connect(ends.exits, entries);
       if (at === 0 || entries.length) ends.exits = exits;
-      from += this.sizeOf(step).width + GAP.x;
+      from += this.sizeOf(step).width + this.gap.x;
     });
     return ends;
   }
@@ -144,7 +159,7 @@ class Layout {
         return this.condition(step, x, middle);
       case 'repeat': {
         this.node(step.step, 'repeat', step, x, middle);
-        const body = this.steps(step.steps, x + NODE.width + GAP.x, middle);
+        const body = this.steps(step.steps, x + this.size.width + this.gap.x, middle);
         this.connect([{ id: step.step, kind: 'order' }], body.entries);
         this.connect(
           body.exits.map(({ id }) => ({ id, kind: 'back' })),
@@ -168,10 +183,10 @@ class Layout {
     let top = middle - height / 2;
     for (const branch of branches) {
       const size = this.sizeOf(branch);
-      const ends = this.place(branch, x + DOT + GAP.x, top + size.height / 2);
+      const ends = this.place(branch, x + DOT + this.gap.x, top + size.height / 2);
       this.connect([{ id: fork, kind: 'order' }], ends.entries);
       this.connect(ends.exits, [join]);
-      top += size.height + GAP.y;
+      top += size.height + this.gap.y;
     }
     return { entries: [fork], exits: [{ id: join, kind: 'order' }] };
   }
@@ -188,10 +203,10 @@ class Layout {
         continue;
       }
       const { height } = this.row(steps);
-      const ends = this.steps(steps, x + NODE.width + GAP.x, top + height / 2);
+      const ends = this.steps(steps, x + this.size.width + this.gap.x, top + height / 2);
       this.connect([{ id: step.step, kind }], ends.entries);
       exits.push(...ends.exits);
-      top += height + GAP.y;
+      top += height + this.gap.y;
     }
     return { entries: [step.step], exits };
   }
@@ -212,22 +227,24 @@ class Layout {
  * Where an edge passes other columns it turns in the gap before its end: its own row is free up to there, and the row of
  * its end may not be.
  */
-function bent(edge: GraphEdge, nodes: ReadonlyMap<string, GraphNode>): GraphEdge {
+function bent(edge: GraphEdge, nodes: ReadonlyMap<string, GraphNode>, gap: number): GraphEdge {
   const [from, to] = [nodes.get(edge.from), nodes.get(edge.to)];
   if (edge.kind !== 'order' || !from || !to) return edge;
   const way = to.x - from.x - from.width;
-  return way > GAP.x ? { ...edge, bend: 1 - GAP.x / 2 / way } : edge;
+  return way > gap ? { ...edge, bend: 1 - gap / 2 / way } : edge;
 }
 
 /** Steps within others that a graph can show; more of them are a list. */
 export const MOST_NODES = 500;
 
-export function graphOf(outline: Outline, tasks: readonly TaskRow[]): Graph {
-  const layout = new Layout(tasks);
+export function graphOf(outline: Outline, tasks: readonly TaskRow[], way: Way = 'right'): Graph {
+  const layout = new Layout(tasks, way);
   const whole: Step = { step: '', line: 0, kind: 'sequence', steps: outline.steps };
-  const { width, height } = layout.sizeOf(whole);
-  layout.steps(outline.steps, 0, height / 2);
+  const size = layout.sizeOf(whole);
+  layout.steps(outline.steps, 0, size.height / 2);
   layout.after();
   const nodes = new Map(layout.nodes.map((one) => [one.id, one]));
-  return { nodes: layout.nodes, edges: layout.edges.map((one) => bent(one, nodes)), width, height };
+  const edges = layout.edges.map((one) => bent(one, nodes, GAPS[way].x));
+  if (way === 'right') return { nodes: layout.nodes, edges, ...size };
+  return { nodes: layout.nodes.map((one) => ({ ...turned(one), x: one.y, y: one.x })), edges, ...turned(size) };
 }

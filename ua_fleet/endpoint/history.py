@@ -64,6 +64,8 @@ class _Wanted(NamedTuple):
     point: bytes
     room: int
     """Bytes that its values may take."""
+    whole: int
+    """Bytes that they might take in an answer of their own."""
 
 
 class HistoryServices:
@@ -80,19 +82,16 @@ class HistoryServices:
         known = isinstance(wanted, ua.TimestampsToReturn)
         if not known or wanted in (ua.TimestampsToReturn.Invalid, ua.TimestampsToReturn.Neither):
             raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
-        answer = ArrayResponse(ua.HistoryReadResponse(), self._limits.response_bytes)
+        whole = request.session.room_for_one(self._limits.response_bytes)
+        answer = ArrayResponse(ua.HistoryReadResponse(), whole)
         for number, node in enumerate(nodes):
             if params.ReleaseContinuationPoints:
                 answer.add_small(_refused(0))  # nothing is kept for them
                 continue
             code = 0
             try:
-                operation = self._wanted(request, node, answer.left)
-                data = await self._read_of(details, number, nodes, wanted)(operation)
-                if data.number or not data.point:
-                    answer.add_bytes(_result(data))
-                else:
-                    code = StatusCodes.BadEncodingLimitsExceeded
+                operation = self._wanted(request, node, answer.left, whole)
+                answer.add_bytes(_result(await self._read_of(details, number, nodes, wanted)(operation)))
             except Refusal as error:
                 code = error.ua_status
             except StorageUnavailable:
@@ -105,8 +104,15 @@ class HistoryServices:
             await request.turns.end(answer.size)
         return answer
 
-    def _wanted(self, request: ServiceRequest, node: ua.HistoryReadValueId, room: int) -> _Wanted:
-        """An operation that the user may do; raises Refusal."""
+    def _wanted(self, request: ServiceRequest, node: ua.HistoryReadValueId, room: int, whole: int) -> _Wanted:
+        """An operation that the user may do; raises Refusal.
+
+        Args:
+            request: whose it is.
+            node: of it.
+            room: bytes that are left in the answer.
+            whole: bytes that an answer has.
+        """
         node_id = node.NodeId
         if self._aspace.get(node_id) is None:
             raise Refusal(StatusCodes.BadNodeIdUnknown)
@@ -124,7 +130,8 @@ class HistoryServices:
             raise Refusal(StatusCodes.BadDataEncodingInvalid)
         if room <= _RESULT_BYTES:
             raise Refusal(StatusCodes.BadEncodingLimitsExceeded)
-        return _Wanted(key, node_text(key), stepped, bytes(node.ContinuationPoint or b""), room - _RESULT_BYTES)
+        point = bytes(node.ContinuationPoint or b"")
+        return _Wanted(key, node_text(key), stepped, point, room - _RESULT_BYTES, whole - _RESULT_BYTES)
 
     def _read_of(self, details: Any, number: int, nodes: Any, timestamps: Any) -> Callable[[_Wanted], Awaitable[_Data]]:
         """What does one operation; raises Refusal."""
@@ -161,14 +168,14 @@ class HistoryServices:
 
         def look(series: Series) -> _Data:
             page = read_raw(series, read, at, MOST_RETURNED)
-            data, count = encode_rows(page.rows, wanted.room)
+            data, count = encode_rows(page.rows, wanted.room, wanted.whole)
             rest = page.rest
             if count < len(page.rows):
                 row = page.rows[count]
                 is_end_bound = page.rest is None and count == len(page.rows) - 1 and read.bounds
                 rest = Position(Phase.END_BOUND, 0) if row is None or is_end_bound else Position(Phase.WITHIN, row.time)
-                if not count:
-                    rest = rest if at is None else at
+                if not count:  # what comes before in this answer has left no room: all of it is in the next one
+                    rest = Position(Phase.BEGIN, read.begin) if at is None else at
             return _Data(data, count, b"" if rest is None else points.of_raw(wanted.name, read, rest))
 
         return await self._history.look(wanted.key, look)
@@ -185,7 +192,7 @@ class HistoryServices:
 
         def look(series: Series) -> _Data:
             rows = read_at_times(series, times, settings, simple=simple)
-            data, count = encode_rows(rows, wanted.room)
+            data, count = encode_rows(rows, wanted.room, wanted.whole)
             if count < len(rows):
                 raise Refusal(StatusCodes.BadEncodingLimitsExceeded)
             return _Data(data, count)
@@ -204,7 +211,7 @@ class HistoryServices:
             if isinstance(page, Failure):
                 too_much, invalid = StatusCodes.BadQueryTooComplex, StatusCodes.BadAggregateInvalidInputs
                 raise Refusal(too_much if page.is_too_much else invalid)
-            data, count = encode_rows(page.rows, wanted.room)
+            data, count = encode_rows(page.rows, wanted.room, wanted.whole)
             rest = number + count if count < len(page.rows) else page.rest
             return _Data(data, count, b"" if rest is None else points.of_processed(wanted.name, read, rest))
 

@@ -1,56 +1,130 @@
-"""Rows that wait for the store: bounded, and with a mark where some were lost."""
+"""Rows that wait for the store: bounded in number and in bytes, and with a mark where some were lost."""
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
+from enum import StrEnum
+from typing import Any, Final, NamedTuple
 
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import BAD_DATA_LOST, Row
 from ua_fleet.values import NodeId
 
-__all__ = ["Backlog"]
+__all__ = ["Backlog", "Batch", "Full", "row_bytes"]
+
+_ROW_BYTES: Final = 250
+"""Of a row with a number, in memory."""
+_ELEMENT_BYTES: Final = 40
+"""Of an element of an array."""
+
+
+class Full(StrEnum):
+    """Why a row is lost."""
+
+    ROWS = "lost_rows"
+    """So many rows wait."""
+    BYTES = "lost_bytes"
+    """They take so many bytes."""
+
+
+class Batch(NamedTuple):
+    """Rows that the store is to take at once."""
+
+    rows: list[Kept]
+    size: int
+    """Their bytes."""
 
 
 class Backlog:
-    """Rows in the order in which they came. What comes while it is full is lost, and counted.
+    """Rows in the order in which they came. What comes while it is full is lost, and counted by its cause.
 
     The oldest stay: a store that was away gets what happened until the memory was full, then marks of what is missing.
+    Rows that the store has been given count until it has taken them.
     """
 
-    def __init__(self, most: int) -> None:
-        """Keep at most so many rows."""
-        self._most = most
+    def __init__(self, most: int, most_bytes: int) -> None:
+        """Keep at most so many rows, of so many bytes."""
+        self._most, self._most_bytes = most, most_bytes
         self._rows: deque[Kept] = deque()
         self._lost_since: dict[NodeId, int] = {}
         """The time of the first row of a node that was lost."""
-        self.lost = 0
+        self._waiting_bytes = 0
+        self._given = Batch([], 0)
+        """What the store has been given."""
+        self.lost: Counter[Full] = Counter()
         """Rows that were lost since the start."""
 
     def __len__(self) -> int:
         return len(self._rows)
 
     @property
-    def is_full(self) -> bool:
-        """Whether the next row is lost."""
-        return len(self._rows) >= self._most
+    def size(self) -> int:
+        """Bytes of all rows that the store has not taken yet."""
+        return self._waiting_bytes + self._given.size
 
     def add(self, kept: Sequence[Kept]) -> None:
         """Add rows, as far as there is room; before the first one of a node that has lost some comes the mark of it."""
         for key, row in kept:
-            if self.is_full:
-                self.lost += 1
+            size = row_bytes(row)
+            if (cause := self._full(size)) is not None:
+                self.lost[cause] += 1
                 self._lost_since.setdefault(key, row.time)
                 continue
-            since = self._lost_since.pop(key, None)
-            if since is not None:
-                self._rows.append((key, Row(since, BAD_DATA_LOST, 0, None)))
-            self._rows.append((key, row))
+            if key in self._lost_since:
+                self._mark(key)
+            self._append(key, row, size)
 
-    def take(self, most: int) -> list[Kept]:
-        """The first rows, for the store."""
-        return [self._rows.popleft() for _ in range(min(most, len(self._rows)))]
+    def take(self) -> Batch:
+        """All rows, for the store; then `taken` or `restore` follows."""
+        self._given = Batch(list(self._rows), self._waiting_bytes)
+        self._rows.clear()
+        self._waiting_bytes = 0
+        return self._given
 
-    def restore(self, batch: Sequence[Kept]) -> None:
+    def taken(self) -> None:
+        """The store has them. Now that there is room, what was lost is marked, so that a kill does not hide it."""
+        self._given = Batch([], 0)
+        self.mark_gaps()
+
+    def restore(self) -> None:
         """Put back what the store did not take."""
-        self._rows.extendleft(reversed(batch))
+        self._rows.extendleft(reversed(self._given.rows))
+        self._waiting_bytes += self._given.size
+        self._given = Batch([], 0)
+
+    def mark_gaps(self) -> None:
+        """Add the marks of what was lost, one for each node, whether there is room or not: no row may come to do it."""
+        for key in list(self._lost_since):
+            self._mark(key)
+
+    def _full(self, size: int) -> Full | None:
+        """Why a row of so many bytes has no room."""
+        if len(self._rows) + len(self._given.rows) >= self._most:
+            return Full.ROWS
+        return Full.BYTES if self.size + size > self._most_bytes else None
+
+    def _mark(self, key: NodeId) -> None:
+        self._append(key, Row(self._lost_since.pop(key), BAD_DATA_LOST, 0, None), _ROW_BYTES)
+
+    def _append(self, key: NodeId, row: Row, size: int) -> None:
+        self._rows.append((key, row))
+        self._waiting_bytes += size
+
+
+def row_bytes(row: Row) -> int:
+    """What a row takes in memory, about."""
+    return _ROW_BYTES + _value_bytes(row.value)
+
+
+def _value_bytes(value: Any) -> int:
+    """Of a value beyond those of a number."""
+    if isinstance(value, bytes | bytearray):
+        return len(value)
+    if isinstance(value, memoryview):
+        return value.nbytes
+    if isinstance(value, str):
+        return 4 * len(value)
+    if isinstance(value, tuple | list):
+        return sum(_ELEMENT_BYTES + _value_bytes(each) for each in value)  # pyright: ignore[reportUnknownVariableType]
+    return 0

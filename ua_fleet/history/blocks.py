@@ -110,12 +110,21 @@ _TIME: Final = struct.Struct("<q")
 _STATUS_AND_TIME: Final = struct.Struct("<Iq")
 
 
-def encode_rows(rows: Sequence[Row | None], room: int) -> tuple[bytes, int]:
-    """HistoryData (OPC 10000-11 6.6.2) of as many rows as fit into so many bytes, and their number."""
+def encode_rows(rows: Sequence[Row | None], room: int, whole: int) -> tuple[bytes, int]:
+    """HistoryData (OPC 10000-11 6.6.2) of as many rows as fit into so many bytes, and their number.
+
+    Args:
+        rows: None for a bound that is not there.
+        room: bytes that are left in this answer.
+        whole: bytes that an answer has at most. A value that no answer has room for is told by its time and
+            Bad_EncodingLimitsExceeded, so that those behind it can be read.
+    """
     parts: list[bytes] = []
     left = room - 4
     for row in rows:
         data = _encode_row(row)
+        if row is not None and len(data) > whole - 4:
+            data = _NO_VALUE.pack(0x06, _TOO_LARGE, row.time)
         left -= len(data)
         if left < 0:
             break
@@ -144,4 +153,5 @@ def _encode_row(row: Row | None) -> bytes:
 
 
 _BAD_ENCODING: Final = int(StatusCode.BAD_ENCODING_ERROR)
+_TOO_LARGE: Final = int(StatusCode.BAD_ENCODING_LIMITS_EXCEEDED)
 _BOUND_WITHOUT_TIME: Final = b"\x02" + BAD_BOUND_NOT_FOUND.to_bytes(4, "little")

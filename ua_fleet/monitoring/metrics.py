@@ -198,7 +198,11 @@ REQUEST_SECONDS = _metric(
     "service",
 )
 HISTORY_ROWS = _metric(
-    "history_values_total", _C, _SERVER, "Values for the history: stored, or lost since the store was away.", "what"
+    "history_values_total",
+    _C,
+    _SERVER,
+    "Values for the history: stored, or lost since too many, or too large ones, waited for the store.",
+    "what",
 )
 HISTORY_WAITING = _metric("history_values_waiting", _G, _SERVER, "Values that wait for the store of the history.")
 HISTORY_UP = _metric("history_up", _G, _SERVER, "1 while the history is stored; absent without one.")

@@ -97,9 +97,11 @@ class ServerFigures:
         yield from self._work()
         yield from self._clients()
         if (history := self._history) is not None:
-            yield metrics.HISTORY_ROWS.many([(("stored",), history.stored), (("lost",), history.lost)])
+            yield metrics.HISTORY_ROWS.many(
+                [(("stored",), history.stored), *(((str(cause),), count) for cause, count in history.lost.items())]
+            )
             yield metrics.HISTORY_WAITING.one(history.waiting)
-            yield metrics.HISTORY_UP.one(not history.problem)
+            yield metrics.HISTORY_UP.one(history.is_stored)
 
     def _fleet(self) -> Iterator[Family]:
         state = self._state

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -24,7 +24,7 @@ from ua_fleet.config.history import HistoryRules
 from ua_fleet.config.history_schema import MEGABYTE, HistoryConfig
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
-from ua_fleet.history.backlog import Backlog
+from ua_fleet.history.backlog import Backlog, Full
 from ua_fleet.history.continuation import Continuations
 from ua_fleet.history.recorder import Kept, Recorder
 from ua_fleet.history.rows import Series
@@ -38,7 +38,9 @@ __all__ = ["HistoryService", "open_history"]
 _log: Any = structlog.get_logger("ua_fleet.server")
 
 MOST_WAITING: Final = 100_000
-"""Rows that wait for the store, with some 30 MB."""
+"""Rows that the store has not taken yet, with some 30 MB where they are numbers."""
+MOST_WAITING_BYTES: Final = 64_000_000
+"""What they take in memory at most."""
 WRITE_S: Final = 0.25
 """Seconds from one commit to the next at least, but where somebody reads."""
 ALIVE_S: Final = 10.0
@@ -99,7 +101,7 @@ class HistoryService:
         self._mistakes, self._wall = mistakes, wall
         self._loop = asyncio.get_running_loop()
         self._recorder = Recorder(rules.of, store.last_times(), store.stopped_at)
-        self._backlog = Backlog(MOST_WAITING)
+        self._backlog = Backlog(MOST_WAITING, MOST_WAITING_BYTES)
         self._points = Continuations(store.secret)
         self._writing: asyncio.Future[None] | None = None
         self._tending: asyncio.Future[bool] | None = None
@@ -108,15 +110,25 @@ class HistoryService:
         self._is_closed = False
         self.sooner: Callable[[], None] = lambda: None
         """Called when `poll` is to be called sooner than was said."""
-        self.problem = ""
-        """Why nothing is stored; empty while rows are."""
+        self._away = self._untended = ""
+        """Why nothing is stored, and why nothing is removed."""
         self.stored = 0
         """Rows since the start."""
 
     @property
-    def lost(self) -> int:
-        """Rows that came while the backlog was full."""
-        return self._backlog.lost
+    def problem(self) -> str:
+        """What is wrong with the store; empty while it does its part."""
+        return "; ".join(filter(None, (self._away, self._untended)))
+
+    @property
+    def is_stored(self) -> bool:
+        """Whether the store takes rows."""
+        return not self._away
+
+    @property
+    def lost(self) -> Mapping[Full, int]:
+        """Rows that came while the backlog was full, by its bound."""
+        return {cause: self._backlog.lost[cause] for cause in Full}
 
     @property
     def waiting(self) -> int:
@@ -177,19 +189,20 @@ class HistoryService:
 
     def _write(self, now: float) -> asyncio.Future[None]:
         """Have the whole backlog stored in one commit: what fails goes back to where it was."""
-        batch, wall = self._backlog.take(MOST_WAITING), self._wall()
+        batch, wall = self._backlog.take(), self._wall()
         self._next_write = now + WRITE_S
-        writing = self._loop.run_in_executor(self._executor, self._store.write, batch, wall)
+        writing = self._loop.run_in_executor(self._executor, self._store.write, batch.rows, wall)
         self._writing = writing
 
         def done(written: asyncio.Future[None]) -> None:
             self._writing = None
             error = None if written.cancelled() else written.exception()
             if error is None and not written.cancelled():
-                self.stored += len(batch)
+                self.stored += len(batch.rows)
+                self._backlog.taken()
                 self._has_worked()
             else:
-                self._backlog.restore(batch)
+                self._backlog.restore()
                 self._has_failed(error)
             self.sooner()
 
@@ -208,27 +221,42 @@ class HistoryService:
             self._tending = None
             error = None if tended.cancelled() else tended.exception()
             if error is not None:
-                self._has_failed(error)
-            elif not tended.cancelled() and tended.result():
-                self._next_tend = 0.0
+                self._has_not_tended(error)
+            elif not tended.cancelled():
+                self._untended = ""
+                self._next_tend = 0.0 if tended.result() else self._next_tend
             self.sooner()
 
         tending.add_done_callback(done)
 
     def _has_worked(self) -> None:
-        if self.problem:
-            _log.info("history is stored again", lost=self.lost)
-        self.problem, self._pause_s = "", 0.0
+        if self._away:
+            _log.info("history is stored again", lost=sum(self.lost.values()))
+        self._away, self._pause_s = "", 0.0
 
     def _has_failed(self, error: BaseException | None) -> None:
         self._pause_s = min(max(1.0, 2 * self._pause_s), LONGEST_PAUSE_S)
         self._next_write = self._loop.time() + self._pause_s
-        if error is not None and not isinstance(error, StorageUnavailable):
-            self._mistakes.caught("history", error if isinstance(error, Exception) else RuntimeError(str(error)))
-        reason = str(error) if isinstance(error, StorageUnavailable) else "a mistake, see the log"
-        if not self.problem:
+        reason = self._reason(error)
+        if not self._away:
             _log.warning("history is not stored; values wait, and are stored later", reason=reason)
-        self.problem = f"history: {reason}"
+        self._away = f"history is not stored: {reason}"
+
+    def _has_not_tended(self, error: BaseException) -> None:
+        """Values are stored all the same; the store grows until this is mended."""
+        self._next_tend = self._loop.time() + LONGEST_PAUSE_S
+        reason = self._reason(error)
+        if not self._untended:
+            _log.warning("old values of the history are not removed, and new ones not compacted", reason=reason)
+        self._untended = f"history is stored, but its old values are not removed: {reason}"
+
+    def _reason(self, error: BaseException | None) -> str:
+        """Why the store did not do its part. What is no fault of the store is a mistake of ours."""
+        if isinstance(error, StorageUnavailable):
+            return str(error)
+        if error is not None:
+            self._mistakes.caught("history", error if isinstance(error, Exception) else RuntimeError(str(error)))
+        return "a mistake, see the log"
 
     # The endpoint's source.
 
@@ -247,7 +275,7 @@ class HistoryService:
             raise StorageUnavailable("the server ends")
         while self._writing is not None:
             await asyncio.wait([self._writing])
-        if len(self._backlog) and not self.problem:
+        if len(self._backlog) and not self._away:
             await asyncio.wait([self._write(self._loop.time())])
         return await self._loop.run_in_executor(self._executor, lambda: work(self._store.series(key)))
 
@@ -257,6 +285,7 @@ class HistoryService:
         while self._writing is not None:
             await asyncio.wait([self._writing])
         self._backlog.add(self._recorder.finish())
+        self._backlog.mark_gaps()
         with suppress(StorageUnavailable, TimeoutError):
             await asyncio.wait_for(asyncio.shield(self._write(self._loop.time())), CLOSING_S)
         if len(self._backlog):

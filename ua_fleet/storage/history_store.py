@@ -28,7 +28,7 @@ __all__ = ["HISTORY_FILE", "SqliteHistory"]
 HISTORY_FILE: Final = "history.db"
 VERSION: Final = 1
 BLOCK_ROWS: Final = 1_000
-_CACHED: Final = 16
+CACHED_BLOCKS: Final = 16
 """Blocks that are kept decoded: pages and calculations go through them piece by piece."""
 _SLICE: Final = 100
 """Nodes whose age is looked at in one piece of work."""
@@ -53,7 +53,7 @@ _BLOCKS: Final = (
 )
 """Forward and backward."""
 _ALIVE: Final = "INSERT OR REPLACE INTO meta (name, value) VALUES ('alive', ?)"
-_BROKEN: Final = (RemoteWireError, zlib.error, struct.error, ValueError, KeyError, IndexError)
+BROKEN: Final = (RemoteWireError, zlib.error, struct.error, ValueError, KeyError, IndexError)
 
 
 class SqliteHistory:
@@ -202,7 +202,7 @@ class SqliteHistory:
         found = self._database.read(_ROWS[backward], (number, first, last, most))
         try:
             return [decode_value(*row) for row in found]
-        except _BROKEN as error:
+        except BROKEN as error:
             raise self._broken(error) from error
 
     def _block(self, number: int, first: int) -> list[Row]:
@@ -213,9 +213,9 @@ class SqliteHistory:
             [(data,)] = self._database.read("SELECT data FROM block WHERE node = ? AND first = ?", key)
             try:
                 rows = decode_block(data)
-            except _BROKEN as error:
+            except BROKEN as error:
                 raise self._broken(error) from error
-            if len(self._decoded) >= _CACHED:
+            if len(self._decoded) >= CACHED_BLOCKS:
                 self._decoded.popitem(last=False)
         self._decoded[key] = rows
         return rows

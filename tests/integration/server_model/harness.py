@@ -90,15 +90,16 @@ class Running:
         self.peer = peer
         self.folder = folder
 
-    def client(self, user: tuple[str, str] = OPERATOR) -> AbstractAsyncContextManager[Client]:
-        """An encrypted session of a user."""
-        return connected(self.url, self.folder, user)
+    def client(self, user: tuple[str, str] = OPERATOR, *, most_bytes: int = 0) -> AbstractAsyncContextManager[Client]:
+        """An encrypted session of a user, whose client takes messages of so many bytes; 0 for any."""
+        return connected(self.url, self.folder, user, most_bytes=most_bytes)
 
 
 @asynccontextmanager
-async def connected(url: str, folder: Path, user: tuple[str, str]) -> AsyncGenerator[Client]:
+async def connected(url: str, folder: Path, user: tuple[str, str], *, most_bytes: int = 0) -> AsyncGenerator[Client]:
     """An encrypted session of a user; the client's certificate is kept in `folder`."""
     client = Client(url, timeout=60, watchdog_intervall=60)
+    client.max_messagesize = most_bytes
     client.application_uri = CLIENT_URI
     files = CertificateFiles(folder / "client.der", folder / "client.pem")
     if not files.certificate.exists():

@@ -91,6 +91,13 @@ async def ask(client: Any, details: Any, *nodes: Any, point: bytes | None = None
     return found
 
 
+async def asked(client: Any, details: Any, nodes: list[Any]) -> list[Any]:
+    """The results of nodes that have a continuation point each."""
+    parameters = ua.HistoryReadParameters(details, ua.TimestampsToReturn.Both, False, nodes)
+    found: list[Any] = await client.uaclient.history_read(parameters)
+    return found
+
+
 def shows(value: float) -> Callable[[Any], bool]:
     return lambda data: data.Value is not None and data.Value.Value == value
 
@@ -249,6 +256,37 @@ async def test_large_answers_come_in_pages(udp_url: str, tcp_port: int, tmp_path
         [page] = await ask(client, every, SPEED_NODE)
         [following] = await ask(client, every, SPEED_NODE, point=page.ContinuationPoint)
         assert values_of(page) + values_of(following) == [float(second) for second in range(4_000)]
+
+
+async def test_a_value_that_no_answer_has_room_for_does_not_end_a_read(
+    udp_url: str, tcp_port: int, tmp_path: Path
+) -> None:
+    """Those that fit into an answer of their own come, also where two nodes are read at once."""
+    texts = {1: "a", 2: "b" * 100_000, 3: "c" * 200_000, 4: "d" * 100_000, 5: "e"}
+    frame = NodeId(2, "1004.frame")
+    with contextlib.closing(SqliteHistory(tmp_path / "state" / HISTORY_FILE)) as store:
+        rows: list[Kept] = [(frame, Row(tick(at), 0, int(BuiltinType.STRING), text)) for at, text in texts.items()]
+        store.write(rows, rows[-1][1].time)
+    async with historian(udp_url, tcp_port, tmp_path) as running, running.client(most_bytes=300_000) as client:
+        found: list[list[Any]] = [[], []]
+        details, points = raw(START, moment(9)), dict[int, bytes | None]({0: None, 1: None})
+        for _ in range(10):
+            wanted = [
+                ua.HistoryReadValueId(ua.NodeId.from_string(FRAME_NODE), ContinuationPoint=point)
+                for point in points.values()
+            ]
+            answer = await asked(client, details, wanted)
+            for number, result in zip(list(points), answer, strict=True):
+                result.StatusCode.check()
+                found[number] += result.HistoryData.DataValues
+                points[number] = result.ContinuationPoint
+                if not result.ContinuationPoint:
+                    del points[number]
+            if not points:
+                break
+        for values in found:
+            shown = [data.Value.Value if data.StatusCode.is_good() else data.StatusCode.name for data in values]
+            assert shown == ["a", texts[2], "BadEncodingLimitsExceeded", texts[4], "e"]
 
 
 async def test_values_are_calculated(udp_url: str, tcp_port: int, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from ua_fleet.history.blocks import decode_block, decode_value, encode_block, encode_rows, encode_value
 from ua_fleet.history.rows import BAD_BOUND_NOT_FOUND, BAD_DATA_LOST, Row
-from ua_fleet.values import BuiltinType, DataValue, Variant
+from ua_fleet.values import BuiltinType, DataValue, StatusCode, Variant
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.variant import decode_data_value
 
@@ -53,7 +53,7 @@ def test_a_block_of_anything_comes_back() -> None:
 def test_what_cannot_be_encoded_leaves_its_status() -> None:
     bad = Row(1, 0, int(BuiltinType.INT16), "text")
     assert encode_value(bad) == b""
-    data, count = encode_rows([bad], 1000)
+    data, count = encode_rows([bad], 1000, 1000)
     assert count == 1
     assert decode_data_value(Cursor(data, 4)) == DataValue(None, 0x8006_0000, 1)
 
@@ -69,7 +69,7 @@ def test_a_compact_value_takes_at_most_24_bytes() -> None:
 
 def test_clients_see_data_values() -> None:
     rows = [*ROWS, MARK]
-    data, count = encode_rows(rows, 100_000)
+    data, count = encode_rows(rows, 100_000, 100_000)
     assert count == len(rows)
     cursor = Cursor(data)
     assert cursor.uint32() == len(rows)
@@ -82,7 +82,20 @@ def test_clients_see_data_values() -> None:
 
 def test_as_many_values_as_fit() -> None:
     rows = [Row(time, 0, int(BuiltinType.DOUBLE), 1.0) for time in range(10)]
-    data, count = encode_rows(rows, 4 + 3 * 18 + 17)
+    data, count = encode_rows(rows, 4 + 3 * 18 + 17, 1000)
     assert (count, len(data)) == (3, 4 + 3 * 18)
-    assert encode_rows(rows, 10) == (bytes(4), 0)
-    assert decode_data_value(Cursor(encode_rows([None], 100)[0], 4)) == DataValue(None, BAD_BOUND_NOT_FOUND)
+    assert encode_rows(rows, 10, 1000) == (bytes(4), 0)
+    assert decode_data_value(Cursor(encode_rows([None], 100, 100)[0], 4)) == DataValue(None, BAD_BOUND_NOT_FOUND)
+
+
+def test_a_value_that_no_answer_has_room_for_does_not_hold_up_those_behind_it() -> None:
+    rows = [Row(1, 0, 12, "small"), Row(2, 0, 12, "large" * 100), Row(3, 0, 12, "small")]
+    assert encode_rows(rows, 400, 1000)[1] == 1  # it comes first in the next answer
+    assert encode_rows(rows[1:], 1000, 1000)[1] == 2
+    data, count = encode_rows(rows, 400, 400)
+    assert count == 3
+    cursor = Cursor(data, 4)
+    found = [decode_data_value(cursor) for _ in rows]
+    assert [value.status for value in found] == [0, StatusCode.BAD_ENCODING_LIMITS_EXCEEDED, 0]
+    assert found[1].variant is None
+    assert [value.source_timestamp for value in found] == [1, 2, 3]

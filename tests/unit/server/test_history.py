@@ -9,12 +9,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 
 import pytest
+from structlog.testing import capture_logs
 
 from tests.unit.config.test_history import SPEED, config_of
 from ua_fleet.config.history import HistoryRules
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
+from ua_fleet.history.backlog import Full
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import BAD_DATA_LOST, EARLIEST, LATEST, ListSeries, Series
 from ua_fleet.monitoring.mistakes import Mistakes
@@ -33,7 +35,7 @@ class Store:
 
     def __init__(self) -> None:
         self.rows: list[Kept] = []
-        self.is_away = False
+        self.is_away = self.is_untended = False
         self.may_go_on = threading.Event()
         self.may_go_on.set()
         self.alive: list[int] = []
@@ -55,6 +57,8 @@ class Store:
         return ListSeries([row for owner, row in self.rows if owner == key])
 
     def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
+        if self.is_untended:
+            raise StorageUnavailable("history.db: the disk is full; free some space")
         return False
 
     def used_bytes(self) -> int:
@@ -144,15 +148,43 @@ async def test_while_the_store_is_away_values_wait_and_what_is_too_much_is_marke
         with pytest.raises(StorageUnavailable):
             await history.look(SPEED, values_in)
         give(history, clock, 3.0, 4.0, 5.0)
-        assert (history.waiting, history.lost) == (3, 2)
+        assert (history.waiting, history.lost) == (3, {Full.ROWS: 2, Full.BYTES: 0})
         store.is_away = False
-        await polled(history, clock, lambda: history.stored == 3)
+        await polled(history, clock, lambda: history.stored == 4)
         assert history.problem == ""
         give(history, clock, 6.0)
         await polled(history, clock, lambda: history.stored == 5)
     rows = [row for _, row in store.rows]
     assert [row.value for row in rows] == [1.0, 2.0, 3.0, None, 6.0]
     assert (rows[3].status, rows[3].time) == (BAD_DATA_LOST, 104 * S)
+
+
+async def test_what_is_lost_just_before_the_end_is_marked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shell, "MOST_WAITING", 1)
+    store, clock = Store(), Clock()
+    async with service(store, clock) as history:
+        give(history, clock, 1.0, 2.0, 3.0)
+        assert sum(history.lost.values()) == 2
+    rows = [row for _, row in store.rows]
+    assert [row.value for row in rows] == [1.0, None]
+    assert (rows[1].status, rows[1].time) == (BAD_DATA_LOST, 102 * S)
+
+
+async def test_that_old_values_are_not_removed_is_no_word_of_new_ones_not_stored() -> None:
+    store, clock = Store(), Clock()
+    store.is_untended = True
+    async with service(store, clock) as history:
+        with capture_logs() as logs:
+            await polled(history, clock, lambda: bool(history.problem))
+        assert [line["event"] for line in logs] == [
+            "old values of the history are not removed, and new ones not compacted"
+        ]
+        assert "is stored, but its old values are not removed: history.db: the disk is full" in history.problem
+        assert history.is_stored
+        give(history, clock, 1.0)
+        await polled(history, clock, lambda: history.stored == 1)
+        store.is_untended = False
+        await polled(history, clock, lambda: not history.problem)
 
 
 async def test_a_slow_store_holds_nobody_up() -> None:

@@ -1,0 +1,69 @@
+"""Rows that wait: their bounds, and the marks of what was lost."""
+
+from __future__ import annotations
+
+from ua_fleet.history.backlog import Backlog, Full, row_bytes
+from ua_fleet.history.rows import BAD_DATA_LOST, Row
+from ua_fleet.values import NodeId
+
+KEY, OTHER = NodeId(2, 1001), NodeId(2, 1002)
+STRING = 12
+
+
+def text(time: int, size: int) -> Row:
+    return Row(time, 0, STRING, "x" * size)
+
+
+def mark(time: int) -> Row:
+    return Row(time, BAD_DATA_LOST, 0, None)
+
+
+def test_large_values_are_bounded_by_their_bytes() -> None:
+    backlog = Backlog(1_000, 3 * row_bytes(text(1, 10_000)))
+    backlog.add([(KEY, text(time, 10_000)) for time in range(1, 6)])
+    assert len(backlog) == 3
+    assert backlog.lost == {Full.BYTES: 2}
+    assert backlog.size == 3 * row_bytes(text(1, 10_000))
+
+
+def test_what_the_store_has_been_given_counts_until_it_has_it() -> None:
+    backlog = Backlog(2, 10_000)
+    backlog.add([(KEY, text(1, 1)), (KEY, text(2, 1))])
+    batch = backlog.take()
+    backlog.add([(KEY, text(3, 1))])
+    assert (len(backlog), backlog.lost[Full.ROWS]) == (0, 1)
+    assert backlog.size == batch.size
+    backlog.restore()
+    assert backlog.take().rows == batch.rows
+    backlog.taken()
+    assert backlog.take().rows == [(KEY, mark(3))]
+
+
+def test_each_node_that_lost_rows_gets_a_mark_as_soon_as_there_is_room() -> None:
+    backlog = Backlog(1, 10_000)
+    backlog.add([(KEY, text(1, 1)), (KEY, text(2, 1)), (OTHER, text(3, 1)), (KEY, text(4, 1))])
+    assert backlog.lost == {Full.ROWS: 3}
+    backlog.take()
+    backlog.taken()
+    assert backlog.take().rows == [(KEY, mark(2)), (OTHER, mark(3))]
+    backlog.taken()
+    backlog.add([(KEY, text(5, 1))])
+    assert backlog.take().rows == [(KEY, text(5, 1))]
+
+
+def test_a_value_larger_than_the_memory_is_lost_alone() -> None:
+    backlog = Backlog(100, 50_000)
+    backlog.add([(KEY, text(1, 1)), (KEY, text(2, 100_000)), (KEY, text(3, 1))])
+    assert backlog.take().rows == [(KEY, text(1, 1)), (KEY, mark(2)), (KEY, text(3, 1))]
+
+
+def test_a_row_takes_what_its_value_takes() -> None:
+    sizes = [
+        row_bytes(Row(1, 0, 11, 0.5)),
+        row_bytes(Row(1, 0, 15, bytes(100))),
+        row_bytes(Row(1, 0, STRING, "x" * 100)),
+        row_bytes(Row(1, 0, 11 | 0x80, memoryview(bytes(800)).cast("d"))),
+        row_bytes(Row(1, 0, STRING | 0x80, ("x" * 100,) * 20)),
+    ]
+    number = sizes[0]
+    assert [size - number for size in sizes] == [0, 100, 400, 800, 20 * 440]

@@ -251,19 +251,22 @@ class ServerCore:
         """Take a batch of events: of a datagram, of time, or of a robot whose skills clients do."""
         for event in events:
             try:
-                if isinstance(event, _EXCHANGED):
-                    self._exchange(event, now)
-                    if not isinstance(event, SourceUnknown):
-                        continue
-                elif isinstance(event, MetaDataReceived):
-                    self._look_for_robot(event)
+                if type(event) is not DataReceived:  # most are, and cost the least so
+                    if isinstance(event, _EXCHANGED):
+                        self._exchange(event, now)
+                        if not isinstance(event, SourceUnknown):
+                            continue
+                    elif isinstance(event, MetaDataReceived):
+                        self._look_for_robot(event)
                 for value in self._values(self._state.apply(event, wall), now):
                     self._nodes.write(value)
                 self._follow(event, now, wall)
             except Exception as error:  # noqa: BLE001 - the events behind it have nothing to do with it
                 self._mistakes.caught("messages", error, what=type(event).__name__)
-        with self._mistakes.guard("scenarios"):
+        try:
             self._runs.end_batch()
+        except Exception as error:  # noqa: BLE001 - what comes next has nothing to do with it
+            self._mistakes.caught("scenarios", error)
 
     def _exchange(self, event: SubscriberEvent, now: float) -> None:
         """Take what is no news of data: questions, answers, and what can be asked for."""
@@ -293,18 +296,19 @@ class ServerCore:
 
     def _follow(self, event: SubscriberEvent, now: float, wall: int) -> None:
         """Tell skills, runs and those who drive by hand what robots say, and when nothing says so any more."""
-        guard = self._mistakes.guard
         if isinstance(event, _LIVES):
             if self._tracker.knows(event.topic):
-                with guard("outcomes", topic=event.topic.name):
+                with self._mistakes.guard("outcomes", topic=event.topic.name):
                     self.show_skills(self._tracker.apply(event, wall), now=now, wall=wall)
-            with guard("scenarios", topic=event.topic.name):
+            try:
                 if isinstance(event, DataReceived):
                     self._runs.heard(event)
                 elif isinstance(event, SourceReturned):
                     self._runs.source_returned(event.topic)
                 else:
                     self._runs.source_lost(event.topic)
+            except Exception as error:  # noqa: BLE001 - who drives by hand is told all the same
+                self._mistakes.caught("scenarios", error, topic=event.topic.name)
         self._teleoperation.follow(event)
 
     def _take(self, changes: Iterable[Change], now: float) -> None:

@@ -49,3 +49,20 @@ async def test_who_loses_a_node_goes_on_at_the_next_one_and_nothing_is_lost(clus
     finally:
         await speaker.transport.close()
         await listener.transport.close()
+
+
+async def test_no_connection_has_the_nodes_choose_who_leads_its_subscriptions(cluster: Cluster) -> None:
+    a, b, c = cluster.urls
+    speaker, listener = Speaking(a, 1, more_urls=[b]), Speaking(b, 2, more_urls=[c])
+    try:
+        await speaker.start()
+        await listener.start()
+        message = data("value", 1)
+        speaker.transport.send(message)
+        await until(lambda: message in listener.heard, "the value", 30)
+        logs = [node.log for node in cluster.nodes.values()]
+        assert any("new stream leader" in log for log in logs), "they are told of at all"
+        assert not [line for log in logs for line in log.splitlines() if "new consumer leader" in line]
+    finally:
+        await speaker.transport.close()
+        await listener.transport.close()

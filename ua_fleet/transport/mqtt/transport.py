@@ -289,13 +289,16 @@ class MqttTransport:
     async def _subscribe(self, client: AsyncClient, filters: Mapping[str, int]) -> dict[str, int]:
         """Subscribe to each, one after the other, and return those that were refused.
 
-        A cluster needs a while for each of them, and would answer one SUBSCRIBE with all of them too late.
+        A cluster needs a while for each of them, and would answer one SUBSCRIBE with all of them too late. One of
+        MQTT 3.1.1, as nats-server, is asked for no acknowledged delivery: that is a group of three there, which chooses
+        who leads; where a node has died, that takes longer than the others wait, for each third of them (ADR 95).
         """
-        no_local = self._version is MQTTProtocolVersion.MQTTv5 and not self._hears_itself
+        is_5 = self._version is MQTTProtocolVersion.MQTTv5
+        no_local, no_groups = is_5 and not self._hears_itself, len(self._nodes) > 1 and not is_5
         refused: dict[str, int] = {}
         for each, qos in filters.items():
             try:
-                options = SubscribeOptions(qos=QoS(qos), no_local=no_local)
+                options = SubscribeOptions(qos=QoS(0 if no_groups and qos == 1 else qos), no_local=no_local)
                 await client.subscribe([(each, options)], timeout=self._patience.answer_s)
             except SubscribeError:
                 refused[each] = qos

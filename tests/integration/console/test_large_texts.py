@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Any, Final
 
 import pytest
 
 from tests.integration.console.harness import ENGINEER, Console
 from tests.integration.console.test_feeds import SCENARIO
-from tests.integration.server_model.harness import POSE, Running
-from tests.integration.server_model.test_data import DOUBLE, STRING
-from ua_fleet.pubsub.metadata import make_field
 
 LARGE: Final = "x" * 1_000_000
 WRITTEN: Final[dict[str, dict[str, Any]]] = {
@@ -52,19 +48,3 @@ async def test_a_large_text_is_refused_in_one_line(console: Console, operation: 
         await live.until(lambda: live.feeds["all"]["rover"]["held"])
         health = (await browser.http.get("healthz")).json()
         assert health["mistakes"] == {}
-
-
-async def test_a_large_text_of_a_node_is_cut_and_said(console: Console, server: Running) -> None:
-    """As a robot's: what OPC UA clients write there goes the same way to the page."""
-    async with console.logged_in(ENGINEER) as browser, browser.live() as live, server.client() as client:
-        await live.want("watched", "nodes", nodes=["ns=2;s=1004.frame"])
-        await live.until(lambda: "watched" in live.feeds)
-        frame = LARGE + "\u202e"
-        server.peer.announce(POSE, (make_field("frame", STRING), make_field("x", DOUBLE)))
-        server.peer.publish(POSE, frame, 1.5)
-        await live.until(lambda: isinstance(live.feeds["watched"]["ns=2;s=1004.frame"]["v"], dict))
-        shown = live.feeds["watched"]["ns=2;s=1004.frame"]["v"]
-        assert (shown["text"], len(shown["first"])) == (len(frame), 16_384)
-        async with asyncio.timeout(10):
-            assert await client.get_node("ns=2;s=1004.frame").read_value() == frame
-        assert (await browser.http.get("healthz")).json()["mistakes"] == {}

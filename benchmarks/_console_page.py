@@ -152,3 +152,7 @@ class Heap:
             self._session.send("HeapProfiler.collectGarbage")
             time.sleep(0.2)
         return float(self._session.send("Runtime.getHeapUsage")["usedSize"]) / 1e6
+
+    def nodes(self) -> int:
+        """Nodes of documents that are kept, in the document or not."""
+        return int(self._session.send("Memory.getDOMCounters")["nodes"])

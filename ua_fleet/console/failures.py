@@ -32,6 +32,15 @@ _HTTP: Final[Mapping[int, int]] = {
 """Of StatusCodes; others are 409: the server has refused for now."""
 _RETURNED: Final = {1: 404, 2: 400, 3: 409, 4: 409}
 """Of the ReturnStatus of the server's Methods."""
+_HEAD, _TAIL = 350, 100
+"""Characters of a message, where it has more than both: it may repeat a text of 1 MB that somebody has given."""
+
+
+def _told(text: str) -> str:
+    """A message in one line that is no page long: what is wrong stands at its beginning, what to do at its end."""
+    line = harmless(text)
+    left = len(line) - _HEAD - _TAIL
+    return line if left <= 0 else f"{line[:_HEAD]}… ({left} characters left out) …{line[-_TAIL:]}"
 
 
 class OperationRefused(UaFleetError):
@@ -57,11 +66,11 @@ class OperationRefused(UaFleetError):
     @property
     def body(self) -> dict[str, Any]:
         """The object `error` of the answer."""
-        shown: dict[str, Any] = {"message": harmless(str(self))}
+        shown: dict[str, Any] = {"message": _told(str(self))}
         if self.code is not None:
             shown |= {"status": status_name(self.code), "code": self.code}
         if self.field:
-            shown["field"] = harmless(self.field)
+            shown["field"] = _told(self.field)
         if self.problems is not None:
             shown["problems"] = self.problems
         return shown
@@ -100,7 +109,7 @@ def refused_by(error: UaFleetError, *, method: str = "") -> OperationRefused:
     shown: list[dict[str, Any]] | None = None
     if problems is not None:
         shown = [
-            {"line": getattr(one, "line", 0), "message": harmless(str(getattr(one, "text", one)))} for one in problems
+            {"line": getattr(one, "line", 0), "message": _told(str(getattr(one, "text", one)))} for one in problems
         ]
     return OperationRefused(status, message, code=code, field=getattr(error, "argument", ""), problems=shown)
 

@@ -55,6 +55,9 @@ describe('a value', () => {
     [{ bytes: 12 }, '12 bytes'],
     [{ x: 1, y: { z: 'a' } }, '{x: 1, y: {z: a}}'],
     ['<b>', '<b>'],
+    [{ text: 1000000, first: 'a\u202eb' }, '1000000 characters, beginning a\\u202eb'],
+    [{ array: 5000, first: [1, 2] }, '5000 elements, the first [1, 2]'],
+    [{ text: 1, first: 2 }, '{text: 1, first: 2}'],
   ])('%j is %s', (value, text) => expect(formatValue(value)).toBe(text));
 
   it('is a number where it stands for one', () => {

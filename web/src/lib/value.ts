@@ -97,5 +97,12 @@ export function formatValue(value: Json, digits = DIGITS): string {
   if (typeof value.bytes === 'number' && keys.every((key) => key === 'bytes' || key === 'base64')) {
     return `${value.bytes} bytes`;
   }
+  // The console tells of what is long its beginning, and how long it is; that goes first, since what follows is cut.
+  if (keys.length === 2 && typeof value.text === 'number' && typeof value.first === 'string') {
+    return t('value.long_text', { n: value.text, first: escaped(value.first) });
+  }
+  if (keys.length === 2 && typeof value.array === 'number' && Array.isArray(value.first)) {
+    return t('value.long_array', { n: value.array, first: formatValue(value.first, digits) });
+  }
   return `{${keys.map((key) => `${key}: ${formatValue(value[key] ?? null, digits)}`).join(', ')}}`;
 }

@@ -220,7 +220,10 @@ export function leavesOf(value: Json, most: number): Leaf[] {
     typeof one !== 'object' ||
     one === null ||
     (!Array.isArray(one) &&
-      (typeof one.int === 'string' || typeof one.float === 'string' || typeof one.bytes === 'number'));
+      (typeof one.int === 'string' ||
+        typeof one.float === 'string' ||
+        typeof one.bytes === 'number' ||
+        (typeof one.text === 'number' && typeof one.first === 'string')));
   const visit = (one: Json, path: string): void => {
     if (found.length >= most) return;
     if (isOne(one)) found.push({ path, text: formatValue(one) });

@@ -1,0 +1,50 @@
+"""Texts of 1 MB in each place in which a person can write one: refused in one line, and all else goes on."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import pytest
+
+from tests.integration.console.harness import ENGINEER, Console
+from tests.integration.console.test_feeds import SCENARIO
+
+LARGE: Final = "x" * 1_000_000
+WRITTEN: Final[dict[str, dict[str, Any]]] = {
+    "fault.raise": {"robot": "rover", "reason": LARGE},
+    "fault.acknowledge": {"fault": "rover.robot", "comment": LARGE},
+    "robots.hold": {"robot": "rover", "reason": LARGE},
+    "robots.release": {"robot": LARGE},
+    "skill.start": {"robot": "rover", "skill": "goto", "arguments": {"x": LARGE}},
+    "scenario.validate": {"scenario": LARGE},
+    "scenario.outline": {"scenario": LARGE},
+    "scenario.store": {"name": "large", "text": LARGE},
+    "scenario.text": {"name": LARGE},
+    "scenario.dry_run": {"scenario": SCENARIO, "parameters": {"x": LARGE}},
+    "scenario.run": {"scenario": "there", "parameters": {"x": LARGE}},
+    "run.abort": {"run": "1", "reason": LARGE},
+    "run.answer": {"run": "1", "step": LARGE, "answer": "retry"},
+    "resilience.confirm": {"decision": "1", "robot": LARGE},
+    "resilience.judge": {"decision": "1", "judgements": {LARGE: 1.0}},
+    "node.write": {"node": "ns=2;i=1005", "value": LARGE},
+    "node.browse": {"node": LARGE},
+}
+
+
+@pytest.mark.parametrize("operation", WRITTEN)
+async def test_a_large_text_is_refused_in_one_line(console: Console, operation: str) -> None:
+    async with console.logged_in(ENGINEER) as browser, browser.live() as live:
+        await live.want("all", "robots")
+        await live.until(lambda: "rover" in live.feeds.get("all", {}))
+        answer = await browser.ask(operation, **WRITTEN[operation])
+        assert 400 <= answer.status_code < 500, answer.text[:300]
+        message: str = answer.json()["error"]["message"]
+        assert 10 < len(message) < 500
+        assert len(answer.content) < 2000, "what somebody has given comes back"
+        assert "\n" not in message
+        assert "unknown operation" not in message.lower()
+        held = await browser.ask("robots.hold", robot="rover", reason="the page lives")
+        assert held.status_code == 200, held.text
+        await live.until(lambda: live.feeds["all"]["rover"]["held"])
+        health = (await browser.http.get("healthz")).json()
+        assert health["mistakes"] == {}

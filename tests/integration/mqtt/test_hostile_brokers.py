@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import gc
+from typing import Any
 
 import pytest
 
@@ -144,3 +146,34 @@ async def test_a_topic_with_a_nul_or_a_wildcard_ends_that_connection_alone() -> 
             await asyncio.sleep(0.3)
             assert speaking.heard == []
             await speaking.transport.close()
+
+
+async def test_a_connection_that_breaks_as_the_process_ends_leaves_no_mistake_behind() -> None:
+    said: list[dict[str, Any]] = []
+    asked = asyncio.Event()
+
+    async def break_off(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(4096)
+        asked.set()
+        writer.transport.abort()
+
+    loop = asyncio.get_running_loop()
+    loop.set_exception_handler(lambda _loop, context: said.append(context))
+    server = await asyncio.start_server(break_off, "127.0.0.1", 0)
+    port = server.sockets[0].getsockname()[1]
+    try:
+        for turns in [*range(12)] * 4:  # of the event loop, between the one and the other
+            asked.clear()
+            speaker = Speaking(f"mqtt://127.0.0.1:{port}", 1)
+            await speaker.start(wait=False)
+            await asked.wait()
+            for _ in range(turns):
+                await asyncio.sleep(0)
+            await speaker.transport.close()
+            del speaker
+            gc.collect()
+    finally:
+        loop.set_exception_handler(None)
+        server.close()
+        await server.wait_closed()
+    assert not said

@@ -564,6 +564,7 @@ class ScenarioService:
         """A bridge has come or gone: faults of its robots that are silent say so, and runs that wait for them."""
         robots = {robot.name for robot in self._robots.values() if robot.bridge == bridge}
         silent = [one for one in self.faults if one.active and one.source == SILENT and one.robot in robots]
+        silent = [one for one in silent if self._finder.is_there(one)]  # else its end is news that is not taken in yet
         self._tell_soon([FaultFound(one.robot, SILENT, True, one.reason.partition(":")[0]) for one in silent])
         self._look_again(is_urgent=True)
 

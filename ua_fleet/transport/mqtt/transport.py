@@ -509,3 +509,8 @@ async def _end(client: AsyncClient) -> None:
             await client.disconnect()
     except (MQTTError, OSError, TimeoutError):
         pass
+    finally:
+        # A connection that breaks as this process ends it leaves its reason there, and asyncio calls that a mistake.
+        answer: asyncio.Future[Any] | None = getattr(client, "_connack_fut", None)
+        if answer is not None and answer.done() and not answer.cancelled():
+            answer.exception()

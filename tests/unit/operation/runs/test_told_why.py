@@ -9,13 +9,14 @@ import pytest
 from tests.unit.operation.runs.world import ACCEPTED, CONFIG, World
 from ua_fleet.config.resilience_schema import ModeName
 from ua_fleet.errors import ScenarioError
+from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
 from ua_fleet.operation.runs.library import ScenarioUnknown
 from ua_fleet.operation.runs.records import DecisionRecord, RunRecord
 from ua_fleet.orchestrator import DecisionChanged, RunChanged, TaskWaiting
 from ua_fleet.scenario.consequences import HALT_S, NOT_HALTED
 from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome
-from ua_fleet.values import BuiltinType
+from ua_fleet.values import BuiltinType, NodeId
 
 OPERATOR = CONFIG.model_copy(
     update={"resilience": CONFIG.resilience.model_copy(update={"mode": ModeName.OPERATOR, "limit_s": 60.0})}
@@ -97,6 +98,25 @@ def test_a_restart_knows_what_was_halted(tmp_path: Path) -> None:
     (fault,) = [fault for fault in after.service.faults if fault.source == NOT_HALTED]
     assert f"it was told to stop grab (task second of run {first}: not done in 5 s)" in fault.reason
     after.journal.close()
+
+
+def test_a_robot_that_is_heard_before_its_bridge_in_the_same_batch_is_not_silent_for_ever(tmp_path: Path) -> None:
+    """As where a broker that was away hands on at once what it has kept: what is queued of the robot is not over."""
+    world = World(tmp_path)
+    world.value("900.Online", True, BuiltinType.BOOLEAN)
+    world.value("900.Online", False, BuiltinType.BOOLEAN)
+    world.silence("left")
+    world.pass_time(1)
+    assert [fault.id for fault in world.service.faults if fault.active] == ["left.silent"]
+    batch: list[tuple[str, BuiltinType, object]] = [
+        ("Robots.left.State", BuiltinType.INT32, RobotState.IDLE),
+        ("900.Online", BuiltinType.BOOLEAN, True),
+    ]
+    for key, kind, value in batch:
+        world.service.value_changed(ValueChanged(NodeId(2, key), int(kind), value, 0, 1, can_wait=False))
+    world.service.end_batch()
+    world.pass_time(1)
+    assert not [fault.id for fault in world.service.faults if fault.active]
 
 
 def test_a_robot_whose_bridge_is_away_says_which_and_what_to_run(tmp_path: Path) -> None:

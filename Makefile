@@ -29,14 +29,13 @@ KEEP ?=
 # Runs of teleoperation over the whole chain, by their seeds: make test-teleoperation SEEDS=17,40-43
 SEEDS ?= 0-199
 
-.PHONY: help setup setup-test demo test test-main test-ros1 test-cluster test-mutations test-teleoperation picture testbed testbed-check bench lint format docs docs-serve sbom lock clean
+.PHONY: help setup setup-test demo test test-main test-ros1 test-mutations test-teleoperation picture testbed testbed-check bench lint format docs docs-serve sbom lock clean
 
 help:
 	@echo "make demo    the fault-tolerant assembly line: OPC UA server, ROS 1 arm, ROS 2 mobile robot;"
 	@echo "             DEMO=talkrobots: nine tasks on seven robots and machines, one of which fails"
 	@echo "make test    all tests; what this machine lacks is skipped with the reason"
 	@echo "make test-mutations  200,000 mutated messages of JSON and UADP, of which make test has a part"
-	@echo "make test-cluster    the nine tasks over three nodes of a broker, one of which is killed: on a machine with time for it"
 	@echo "make test-teleoperation  200 runs in which robots are driven by hand and something on the way is cut or stops"
 	@echo "make testbed compose.yaml on this machine's Docker engine: all profiles to their end, then every kind of"
 	@echo "             container disturbed; testbed-check only says what this machine lacks for it"
@@ -92,9 +91,6 @@ test-ros1: setup-test
 
 test-teleoperation: setup-test
 	@UA_FLEET_TELEOPERATION_SEEDS=$(SEEDS) $(PYTHON) -m pytest -s tests/teleoperation/test_chain.py --require="$(REQUIRE)" $(ARGS)
-
-test-cluster: setup-test
-	@UA_FLEET_CLUSTER=1 $(PYTHON) -m pytest tests/e2e/test_talkrobots_cluster.py --require="$(REQUIRE)" $(ARGS)
 
 # Decoded alone, and as a server hears them over MQTT. The usual run of the tests has a part of those of JSON.
 test-mutations: setup-test

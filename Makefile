@@ -145,7 +145,7 @@ sbom: setup-test
 
 lock:
 	uv pip compile pyproject.toml --universal --python-version 3.11 --group build --group web --group dev --group docs --group ros1-tests \
-		--extra server --extra client --extra ros2 --extra modbus --extra ur --extra sensors --extra plot --extra recording --extra keyring --extra console \
+		--extra server --extra client --extra ros2 --extra modbus --extra ur --extra sensors --extra plot --extra recording --extra postgres --extra keyring --extra console \
 		--no-emit-index-url --no-emit-find-links --no-annotate --no-header --generate-hashes --quiet --output-file requirements.lock
 
 clean:

@@ -91,6 +91,12 @@ def _nats() -> str | None:
     return None if nats_server().exists() else "nats-server is not installed; run: make setup-test"
 
 
+def _postgres() -> str | None:
+    if not any(Path("/usr/lib/postgresql").glob("*/bin/initdb")) or shutil.which("psql") is None:
+        return "PostgreSQL is not installed (Debian package postgresql)"
+    return _imports(sys.executable, "asyncpg")
+
+
 def node_red() -> Path:
     """The program that its package brings."""
     return ROOT / "tests" / "interop" / "node_modules" / ".bin" / "node-red"
@@ -152,6 +158,7 @@ PARTS: dict[str, Callable[[], str | None]] = {
     "netns": _netns,
     "node-red": _node_red,
     "npm": _npm,
+    "postgres": _postgres,
     "chromium": _chromium,
 }
 

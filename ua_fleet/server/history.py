@@ -298,14 +298,16 @@ class HistoryService:
     async def close(self) -> None:
         """Store what waits, and give the store free."""
         self._is_closed = True
-        while self._writing is not None:
-            await asyncio.wait([self._writing])
+        until = self._loop.time() + CLOSING_S
+        while self._writing is not None and self._loop.time() < until:
+            await asyncio.wait([self._writing], timeout=until - self._loop.time())
         self._backlog.add(self._recorder.finish())
         self._backlog.mark_gaps()
-        with suppress(StorageUnavailable, TimeoutError):
-            await asyncio.wait_for(asyncio.shield(self._write(self._loop.time())), CLOSING_S)
-        if len(self._backlog):
-            _log.warning("history ends with values that were not stored", count=len(self._backlog))
+        if self._writing is None:  # otherwise the store does not answer
+            with suppress(StorageUnavailable, TimeoutError):
+                await asyncio.wait_for(asyncio.shield(self._write(self._loop.time())), CLOSING_S)
+        if count := self._backlog.untaken:
+            _log.warning("history ends with values that were not stored", count=count)
         closing = self._loop.run_in_executor(self._executor, self._store.close)
         done, _ = await asyncio.wait([closing], timeout=CLOSING_S)
         # A disk that does not answer must not keep the process: its end takes the thread along.

@@ -19,13 +19,13 @@ import asyncpg  # type: ignore[import-untyped]  # pyright: ignore[reportMissingT
 
 from ua_fleet.errors import StorageUnavailable
 
-__all__ = ["Connection", "PostgresDatabase"]
+__all__ = ["TENDING_S", "Connection", "PostgresDatabase"]
 
 CONNECT_S: Final = 10.0
-COMMAND_S: Final = 60.0
-"""What one statement may take."""
-WORK_S: Final = 300.0
-"""What all statements of one work may take: the last resort against a network that swallows all."""
+ANSWER_S: Final = 20.0
+"""What a commit or a page may take, against a network that swallows all; the end of the process waits for it."""
+TENDING_S: Final = 300.0
+"""What removing and compacting may take."""
 _LOCK: Final = 0x7561_666C_6565_7401
 """Of the advisory lock of a server on a database."""
 _LOCK_WAIT_S: Final = 3.0
@@ -65,10 +65,10 @@ class PostgresDatabase:
             self._loop.close()
             raise
 
-    def run(self, work: Callable[[Connection], Awaitable[Done]]) -> Done:
+    def run(self, work: Callable[[Connection], Awaitable[Done]], within_s: float = ANSWER_S) -> Done:
         """Do work on the connection, on another one where that is lost."""
         with self._errors():
-            return self._loop.run_until_complete(asyncio.wait_for(self._run(work), WORK_S))
+            return self._loop.run_until_complete(asyncio.wait_for(self._run(work), within_s))
 
     def close(self) -> None:
         """Give the database free. Safe to call twice."""
@@ -94,7 +94,6 @@ class PostgresDatabase:
             user=self._user,
             password=self._password,
             timeout=CONNECT_S,  # pyright: ignore[reportArgumentType]
-            command_timeout=COMMAND_S,
             server_settings={"application_name": "ua-fleet history", "synchronous_commit": "on", **_KEEP_ALIVE},
         )
         try:

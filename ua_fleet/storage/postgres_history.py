@@ -21,7 +21,7 @@ from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import EARLIEST, LATEST, Row
 from ua_fleet.history.store import node_of, node_text
 from ua_fleet.storage.history_store import BLOCK_ROWS, BROKEN, CACHED_BLOCKS
-from ua_fleet.storage.postgres import Connection, PostgresDatabase
+from ua_fleet.storage.postgres import TENDING_S, Connection, PostgresDatabase
 from ua_fleet.values import TICKS_PER_SECOND, NodeId
 
 __all__ = ["SCHEMA", "PostgresHistory"]
@@ -184,7 +184,7 @@ class PostgresHistory:
 
     def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
         """Compact a node, or remove what is too old."""
-        return self._database.run(lambda connection: self._tend(connection, now, days_of, most_bytes))
+        return self._database.run(lambda connection: self._tend(connection, now, days_of, most_bytes), TENDING_S)
 
     def close(self) -> None:
         """Give the database free."""

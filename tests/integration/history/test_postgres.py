@@ -29,6 +29,7 @@ from ua_fleet.values import TICKS_PER_SECOND, NodeId
 
 pytestmark = pytest.mark.needs("postgres")
 pytest.importorskip("asyncpg")
+from ua_fleet.storage.postgres import PostgresDatabase  # noqa: E402
 from ua_fleet.storage.postgres_history import PostgresHistory  # noqa: E402 - without asyncpg it cannot be
 
 KEY = NodeId(2, 1001)
@@ -270,3 +271,19 @@ async def test_a_database_that_stands_still_or_is_killed_costs_no_live_value(own
     found = await history.look(SPEED, lambda series: series.between(EARLIEST, LATEST, 1_000_000))
     await history.close()
     assert [row.value for row in found] == [float(each) for each in range(number)]
+
+
+def test_a_database_that_does_not_answer_any_more_is_given_up(own: Postgres, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here its processes stand still; a network that swallows all looks the same."""
+    with contextlib.closing(PostgresHistory(own.url(), USER, PASSWORD)) as store:
+        store.write(rows(0, 3), NOON)
+        monkeypatch.setattr(PostgresDatabase.run, "__defaults__", (0.5,))
+        own.pause(on=True)
+        begin = time.monotonic()
+        with pytest.raises(StorageUnavailable, match="cannot be reached"):
+            store.write(rows(3, 3), NOON)
+        assert time.monotonic() - begin < 5
+        own.pause(on=False)
+        monkeypatch.undo()
+        store.write(rows(3, 3), NOON)
+        assert times(store) == [0, 1, 2, 3, 4, 5]

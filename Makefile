@@ -4,7 +4,7 @@ SHELL := /bin/bash
 PYTHON := .venv/bin/python
 PYTHON_ROS1 := .venv-ros1/bin/python
 # Parts of the system whose absence fails the tests that need them, instead of skipping these:
-#   make test REQUIRE=ros1,ros2,node,ur,libmodbus,mbpoll,umockdev,dbus,compiler,netns,npm,node-red,chromium,mosquitto,nats,promtool
+#   make test REQUIRE=ros1,ros2,node,ur,libmodbus,mbpoll,umockdev,dbus,compiler,netns,npm,node-red,chromium,mosquitto,nats,promtool,postgres
 REQUIRE ?=
 # Test processes side by side, two a core, since most tests wait for processes that they started: make test JOBS=1
 # Files go in their order: those that take long come first, and the many short ones of tests/unit fill up the end.
@@ -141,7 +141,7 @@ sbom: setup-test
 
 lock:
 	uv pip compile pyproject.toml --universal --python-version 3.11 --group build --group web --group dev --group docs --group ros1-tests \
-		--extra server --extra client --extra ros2 --extra modbus --extra ur --extra sensors --extra plot --extra recording --extra keyring --extra console \
+		--extra server --extra client --extra ros2 --extra modbus --extra ur --extra sensors --extra plot --extra recording --extra postgres --extra keyring --extra console \
 		--no-emit-index-url --no-emit-find-links --no-annotate --no-header --generate-hashes --quiet --output-file requirements.lock
 
 clean:

@@ -12,6 +12,7 @@ import pytest
 import structlog
 
 from tests import command_tree, known_keys, system
+from tests.postgres import Postgres
 
 try:
     import hypothesis
@@ -116,4 +117,11 @@ def ros_domain() -> Iterator[int]:
 def processes() -> Iterator[system.Processes]:
     """Starts child processes and ends those, and only those, when the test is over."""
     with system.Processes() as started:
+        yield started
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Postgres]:
+    """A PostgreSQL that no test stops; for tests with `needs("postgres")`."""
+    with Postgres() as started:
         yield started

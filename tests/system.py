@@ -100,6 +100,12 @@ def _promtool() -> str | None:
     return None if promtool().exists() else "promtool is not there (Debian package prometheus); run: make setup-test"
 
 
+def _postgres() -> str | None:
+    if not any(Path("/usr/lib/postgresql").glob("*/bin/initdb")) or shutil.which("psql") is None:
+        return "PostgreSQL is not installed (Debian package postgresql)"
+    return _imports(sys.executable, "asyncpg")
+
+
 def node_red() -> Path:
     """The program that its package brings."""
     return ROOT / "tests" / "interop" / "node_modules" / ".bin" / "node-red"
@@ -162,6 +168,7 @@ PARTS: dict[str, Callable[[], str | None]] = {
     "netns": _netns,
     "node-red": _node_red,
     "npm": _npm,
+    "postgres": _postgres,
     "chromium": _chromium,
 }
 

@@ -59,6 +59,11 @@ class Backlog:
         return len(self._rows)
 
     @property
+    def untaken(self) -> int:
+        """Rows that the store has not taken yet, with those that it has been given."""
+        return len(self._rows) + len(self._given.rows)
+
+    @property
     def size(self) -> int:
         """Bytes of all rows that the store has not taken yet."""
         return self._waiting_bytes + self._given.size
@@ -100,7 +105,7 @@ class Backlog:
 
     def _full(self, size: int) -> Full | None:
         """Why a row of so many bytes has no room."""
-        if len(self._rows) + len(self._given.rows) >= self._most:
+        if self.untaken >= self._most:
             return Full.ROWS
         return Full.BYTES if self.size + size > self._most_bytes else None
 

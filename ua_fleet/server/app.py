@@ -98,7 +98,7 @@ async def run_server(
     loop.set_exception_handler(mistakes.in_loop)
     try:
         with ServerRecords(state_dir) as records:
-            async with _history(config, state_dir, mistakes) as history:
+            async with _history(config, config_dir, mistakes) as history:
                 given = await _given(config, configured, config_dir, server, monitor, records, history)
                 transport = transport or open_transports(config, config_dir, space=SERVER_SPACE)
                 assembly = Assembly(given, transport, rule, sent)
@@ -109,12 +109,14 @@ async def run_server(
 
 
 @contextlib.asynccontextmanager
-async def _history(config: FleetConfig, state_dir: Path, mistakes: Mistakes) -> AsyncGenerator[HistoryService | None]:
+async def _history(config: FleetConfig, config_dir: Path, mistakes: Mistakes) -> AsyncGenerator[HistoryService | None]:
     """The history of the fleet's values, where one is kept; raises StorageUnavailable."""
     if config.history is None:
         yield None
         return
-    history = await open_history(config.history, HistoryRules(config), state_dir, mistakes)
+    history = await open_history(
+        config.history, HistoryRules(config), config_dir, config_dir / config.server.state_dir, mistakes
+    )
     try:
         yield history
     finally:

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -22,7 +23,7 @@ import structlog
 
 from ua_fleet.config.history import HistoryRules
 from ua_fleet.config.history_schema import MEGABYTE, HistoryConfig
-from ua_fleet.errors import StorageUnavailable
+from ua_fleet.errors import StorageUnavailable, add_extra
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.history.backlog import Backlog, Full
 from ua_fleet.history.continuation import Continuations
@@ -31,6 +32,7 @@ from ua_fleet.history.rows import Series
 from ua_fleet.history.store import HistoryStore
 from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.storage.history_store import HISTORY_FILE, SqliteHistory
+from ua_fleet.storage.private_file import read_password
 from ua_fleet.values import TICKS_PER_SECOND, NodeId, ticks_from_unix_ns
 
 __all__ = ["HistoryService", "open_history"]
@@ -58,7 +60,7 @@ def _wall() -> int:
 
 
 async def open_history(
-    config: HistoryConfig, rules: HistoryRules, state_dir: Path, mistakes: Mistakes
+    config: HistoryConfig, rules: HistoryRules, config_dir: Path, state_dir: Path, mistakes: Mistakes
 ) -> HistoryService:
     """Open the store of a server.
 
@@ -67,11 +69,25 @@ async def open_history(
     """
     executor = ThreadPoolExecutor(1, thread_name_prefix="history")
     try:
-        store = await asyncio.get_running_loop().run_in_executor(executor, SqliteHistory, state_dir / HISTORY_FILE)
+        opening = partial(_open_store, config, config_dir, state_dir)
+        store = await asyncio.get_running_loop().run_in_executor(executor, opening)
     except BaseException:
         executor.shutdown()
         raise
     return HistoryService(store, executor, rules, int(config.megabytes * MEGABYTE), mistakes)
+
+
+def _open_store(config: HistoryConfig, config_dir: Path, state_dir: Path) -> HistoryStore:
+    """The store that `fleet.yaml` names; raises StorageUnavailable."""
+    if config.store is None:
+        return SqliteHistory(state_dir / HISTORY_FILE)
+    try:
+        from ua_fleet.storage.postgres_history import PostgresHistory
+    except ModuleNotFoundError as error:
+        raise StorageUnavailable(f"history.store needs the package {error.name}; {add_extra('postgres')}") from error
+    file = config.password_file
+    password = None if file is None else read_password(config_dir / file, "history.password_file")
+    return PostgresHistory(config.store, config.user or "", password)
 
 
 class HistoryService:
@@ -282,14 +298,16 @@ class HistoryService:
     async def close(self) -> None:
         """Store what waits, and give the store free."""
         self._is_closed = True
-        while self._writing is not None:
-            await asyncio.wait([self._writing])
+        until = self._loop.time() + CLOSING_S
+        while self._writing is not None and self._loop.time() < until:
+            await asyncio.wait([self._writing], timeout=until - self._loop.time())
         self._backlog.add(self._recorder.finish())
         self._backlog.mark_gaps()
-        with suppress(StorageUnavailable, TimeoutError):
-            await asyncio.wait_for(asyncio.shield(self._write(self._loop.time())), CLOSING_S)
-        if len(self._backlog):
-            _log.warning("history ends with values that were not stored", count=len(self._backlog))
+        if self._writing is None:  # otherwise the store does not answer
+            with suppress(StorageUnavailable, TimeoutError):
+                await asyncio.wait_for(asyncio.shield(self._write(self._loop.time())), CLOSING_S)
+        if count := self._backlog.untaken:
+            _log.warning("history ends with values that were not stored", count=count)
         closing = self._loop.run_in_executor(self._executor, self._store.close)
         done, _ = await asyncio.wait([closing], timeout=CLOSING_S)
         # A disk that does not answer must not keep the process: its end takes the thread along.

@@ -7,10 +7,14 @@ import fcntl
 import os
 from collections.abc import Generator
 from pathlib import Path
+from typing import Final
 
+from ua_fleet.errors import StorageUnavailable
 from ua_fleet.storage.files import make_private_folder
 
-__all__ = ["exclusive", "not_private", "signature_of"]
+__all__ = ["exclusive", "not_private", "read_password", "signature_of"]
+
+_MOST_PASSWORD_BYTES: Final = 4_096
 
 
 def signature_of(status: os.stat_result) -> tuple[int, ...]:
@@ -37,3 +41,29 @@ def exclusive(path: Path) -> Generator[None]:
         yield
     finally:
         os.close(lock)
+
+
+def read_password(path: Path, key: str) -> str:
+    """The first line of a file that only its owner may read.
+
+    Args:
+        path: of the file.
+        key: of `fleet.yaml` that names it, for errors.
+
+    Raises:
+        StorageUnavailable: it is not there, others may read it, or it has no such line.
+    """
+    try:
+        with path.open("rb") as file:
+            complaint = not_private(path, os.fstat(file.fileno()))
+            line = file.read(_MOST_PASSWORD_BYTES).split(b"\n", 1)[0].removesuffix(b"\r")
+        text = line.decode()
+    except OSError as error:
+        raise StorageUnavailable(f"{key}: {path}: {error.strerror}; write the password into its first line") from None
+    except UnicodeDecodeError:
+        raise StorageUnavailable(f"{key}: {path} is no UTF-8 text; write the password into its first line") from None
+    if complaint:
+        raise StorageUnavailable(f"{key}: {complaint}")
+    if not text:
+        raise StorageUnavailable(f"{key}: the first line of {path} is empty; write the password there")
+    return text

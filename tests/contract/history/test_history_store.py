@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import random
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from tests.postgres import PASSWORD, USER, Postgres
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import EARLIEST, LATEST, ListSeries, Row
@@ -23,17 +25,27 @@ NOW = 134_000_000_000_000_000
 DOUBLE, STRING = 11, 12
 HUGE = 2**40
 
-STORES: dict[str, Callable[[Path], HistoryStore]] = {"sqlite": lambda folder: SqliteHistory(folder / HISTORY_FILE)}
+
+Open = Callable[[], HistoryStore]
+STORES = ["sqlite", pytest.param("postgres", marks=pytest.mark.needs("postgres"))]
+_number = itertools.count(1)
 
 
 @pytest.fixture(params=STORES)
-def opened(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], HistoryStore]:
-    make = STORES[request.param]
-    return lambda: make(tmp_path / "state")
+def opened(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Open]:
+    """Opens the same store again and again."""
+    if request.param == "sqlite":
+        yield lambda: SqliteHistory(tmp_path / "state" / HISTORY_FILE)
+        return
+    from ua_fleet.storage.postgres_history import PostgresHistory
+
+    postgres: Postgres = request.getfixturevalue("postgres")
+    with postgres.database(f"contract_{next(_number)}") as url:
+        yield lambda: PostgresHistory(url, USER, PASSWORD)
 
 
 @pytest.fixture
-def store(opened: Callable[[], HistoryStore]) -> Iterator[HistoryStore]:
+def store(opened: Open) -> Iterator[HistoryStore]:
     with contextlib.closing(opened()) as made:
         yield made
 
@@ -83,7 +95,7 @@ def test_what_is_there_already_is_left_out(store: HistoryStore) -> None:
     assert all_of(store, KEY) == [row(second) for second in (1, 2, 3, 4)]
 
 
-def test_it_is_there_after_a_restart(opened: Callable[[], HistoryStore]) -> None:
+def test_it_is_there_after_a_restart(opened: Open) -> None:
     with contextlib.closing(opened()) as store:
         secret = store.secret
         assert store.stopped_at == 0
@@ -99,7 +111,7 @@ def test_it_is_there_after_a_restart(opened: Callable[[], HistoryStore]) -> None
         assert all_of(store, OTHER) == [row(1)]
 
 
-def test_a_second_process_is_refused(opened: Callable[[], HistoryStore]) -> None:
+def test_a_second_process_is_refused(opened: Open) -> None:
     with contextlib.closing(opened()), pytest.raises(StorageUnavailable, match="in use"):
         opened()
 
@@ -169,11 +181,11 @@ def test_the_oldest_goes_when_there_is_too_much(store: HistoryStore) -> None:
 
 def test_blocks_that_span_a_large_part_of_the_time_go_too(store: HistoryStore) -> None:
     random_ = random.Random(7)
-    rows = [row(second, random_.gauss(20, 3)) for second in range(6_000)]
+    rows = [row(second, random_.gauss(20, 3)) for second in range(20_000)]
     store.write([(KEY, each) for each in rows], NOW)
     tend(store)
     most = store.used_bytes() * 3 // 4
-    tend(store, NOW + 9_000 * S, most_bytes=most)
+    tend(store, NOW + 21_000 * S, most_bytes=most)
     assert store.used_bytes() <= most
     found = all_of(store, KEY)
     assert found == rows[-len(found) :]

@@ -116,3 +116,28 @@ def test_what_has_no_effect_is_a_problem(given: tuple[Any, ...], key: str) -> No
 def test_what_cannot_be_is_a_problem(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigInvalid):
         config_of(wrong)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"store": "mysql://h/d"}, "another word than postgresql://"),
+        ({"store": "postgresql://u:hidden@h/d"}, "has a user in it"),
+        ({"store": "postgresql://h/d"}, "write `user` too"),
+        ({"store": "postgresql://h"}, "no host or database"),
+        ({"store": "postgresql://h:port/d"}, "is no address"),
+        ({"store": "postgresql://h/d?options=-c"}, "unknown setting options"),
+        ({"password_file": "secrets/history"}, "write `store` too"),
+    ],
+)
+def test_what_a_database_is_not_named_by(given: dict[str, str], said: str) -> None:
+    with pytest.raises(ConfigInvalid, match=said) as refused:
+        config_of(given)
+    assert "hidden" not in str(refused.value)
+
+
+def test_a_database_in_place_of_the_file() -> None:
+    url = "postgresql://db.plant:5433/history?sslmode=verify-full"
+    history = config_of({"store": url, "user": "fleet", "password_file": "secrets/history"}).history
+    assert history is not None
+    assert (history.store, history.user, history.password_file) == (url, "fleet", "secrets/history")

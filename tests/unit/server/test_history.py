@@ -202,6 +202,22 @@ async def test_a_slow_store_holds_nobody_up() -> None:
         assert len(await reading) == 499
 
 
+async def test_a_store_that_does_not_answer_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shell, "CLOSING_S", 0.1)
+    store, clock = Store(), Clock()
+    with capture_logs() as logs:
+        async with service(store, clock) as history:
+            store.may_go_on.clear()
+            give(history, clock, 1.0)
+            history.poll(asyncio.get_running_loop().time() + 1)
+            give(history, clock, 2.0, 3.0)
+            begin = asyncio.get_running_loop().time()
+        took_s = asyncio.get_running_loop().time() - begin
+        store.may_go_on.set()
+    assert took_s < 5
+    assert [line["count"] for line in logs if "were not stored" in line["event"]] == [3]
+
+
 async def test_a_mistake_costs_a_row_and_not_the_value(monkeypatch: pytest.MonkeyPatch) -> None:
     store, clock = Store(), Clock()
     async with service(store, clock) as history:

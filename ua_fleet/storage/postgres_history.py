@@ -1,0 +1,378 @@
+"""History in PostgreSQL: rows first, then blocks of a thousand, both in native partitions by day.
+
+    sample, block      partitioned by time: one partition for each day, which is dropped as a whole when it is old
+    sample_late, ...   rows whose day was over when they came: a robot's clock is wrong, and makes no partitions
+
+Rows come by COPY, a batch in one commit. Once a node has two thousand of them, the older half becomes a block, which
+takes a tenth of the space; a block never spans two days. Each row is later than the blocks of its node.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Sequence
+from itertools import takewhile
+from typing import Any, Final
+
+from ua_fleet.errors import UPGRADE, StorageUnavailable, newer_version
+from ua_fleet.history.blocks import decode_block, decode_value, encode_block, encode_value
+from ua_fleet.history.recorder import Kept
+from ua_fleet.history.rows import EARLIEST, LATEST, Row
+from ua_fleet.history.store import node_of, node_text
+from ua_fleet.storage.history_store import BLOCK_ROWS, BROKEN, CACHED_BLOCKS
+from ua_fleet.storage.postgres import TENDING_S, Connection, PostgresDatabase
+from ua_fleet.values import TICKS_PER_SECOND, NodeId
+
+__all__ = ["SCHEMA", "PostgresHistory"]
+
+SCHEMA: Final = "ua_fleet_history"
+VERSION: Final = 1
+_DAY: Final = 86_400 * TICKS_PER_SECOND
+_TABLES: Final = (("sample", "time"), ("block", "first"))
+"""What is partitioned, and by which column."""
+_SLICE: Final = 100
+"""Nodes whose age is looked at in one piece of work."""
+_ROW_BYTES: Final = 150
+"""Of a row that is in no block, with its index."""
+_SPARE_BYTES: Final = 256_000
+"""Of rows that are in blocks by now: less is not worth writing a partition anew."""
+_BLOCKS_READ: Final = 8
+_TRIES: Final = 40
+"""To come below the size that the store may have, in one round."""
+_CREATE: Final = (
+    "CREATE TABLE meta (name text PRIMARY KEY, value bytea NOT NULL)",
+    "CREATE TABLE node (id integer PRIMARY KEY, name bytea NOT NULL UNIQUE)",
+    """CREATE TABLE sample (node integer, time bigint, status bigint NOT NULL, value bytea NOT NULL,
+        PRIMARY KEY (node, time)) PARTITION BY RANGE (time)""",
+    "CREATE TABLE sample_late PARTITION OF sample DEFAULT",
+    """CREATE TABLE block (node integer, first bigint, last bigint NOT NULL, data bytea NOT NULL,
+        PRIMARY KEY (node, first)) PARTITION BY RANGE (first)""",
+    "ALTER TABLE block ALTER data SET STORAGE EXTERNAL",  # it is compressed already
+    "CREATE TABLE block_late PARTITION OF block DEFAULT",
+)
+_SET_META: Final = "INSERT INTO meta VALUES ($1, $2) ON CONFLICT (name) DO UPDATE SET value = excluded.value"
+_USED: Final = (
+    "SELECT coalesce(sum(pg_total_relation_size(inhrelid)), 0)::bigint FROM pg_inherits"
+    " WHERE inhparent IN ('sample'::regclass, 'block'::regclass)"
+)
+_PARTITIONS: Final = (
+    "SELECT relname FROM pg_inherits JOIN pg_class ON pg_class.oid = inhrelid WHERE inhparent = 'sample'::regclass"
+)
+_ROWS: Final = (
+    "SELECT time, status, value FROM sample WHERE node = $1 AND time BETWEEN $2 AND $3 ORDER BY time LIMIT $4",
+    "SELECT time, status, value FROM sample WHERE node = $1 AND time BETWEEN $2 AND $3 ORDER BY time DESC LIMIT $4",
+)
+_BLOCKS: Final = (
+    "SELECT first, data FROM block WHERE node = $1 AND first BETWEEN $2 AND $3 AND last >= $4 ORDER BY first LIMIT $5",
+    """SELECT first, data FROM block WHERE node = $1 AND first BETWEEN $2 AND $3 AND last >= $4
+        ORDER BY first DESC LIMIT $5""",
+)
+"""Forward and backward."""
+
+
+class PostgresHistory:
+    """The store for histories that are large, or used by other programs too; see `HistoryStore`."""
+
+    def __init__(self, url: str, user: str, password: str | None) -> None:
+        """Open the store of a database, or make it.
+
+        Args:
+            url: `postgresql://host:port/database`.
+            user: there.
+            password: of that user; None where PostgreSQL asks for none.
+        """
+        self._next_round = 0
+        self._aged: list[NodeId] = []
+        """Nodes whose age is yet to be looked at in this round."""
+        self._database = PostgresDatabase(url, user, password, self._prepare)
+
+    @property
+    def name(self) -> str:
+        """Of the database, for messages."""
+        return self._database.name
+
+    async def _prepare(self, connection: Connection) -> None:
+        """Make what is missing, and read what is kept in memory: another connection may have lost an answer."""
+        async with connection.transaction():
+            if await connection.fetchval("SELECT to_regnamespace($1) IS NULL", SCHEMA):
+                await connection.execute(f"CREATE SCHEMA {SCHEMA}")
+            await connection.execute(f"SET SESSION search_path TO {SCHEMA}")
+            if await connection.fetchval("SELECT to_regclass($1) IS NULL", f"{SCHEMA}.meta"):
+                for statement in _CREATE:
+                    await connection.execute(statement)
+                for name, value in (("version", str(VERSION).encode()), ("secret", secrets.token_bytes(32))):
+                    await connection.execute(_SET_META, name, value)
+        meta = dict(await connection.fetch("SELECT name, value FROM meta"))
+        found = int(meta["version"])
+        if newer := newer_version(found, VERSION):
+            raise StorageUnavailable(f"the history in schema {SCHEMA} of the database {newer}; {UPGRADE}")
+        self.secret = bytes(meta["secret"])
+        self.stopped_at = int(meta.get("alive", b"0"))
+        await self._read_all(connection)
+
+    async def _read_all(self, connection: Connection) -> None:
+        self._ids: dict[NodeId, int] = {
+            node_of(bytes(name).decode("utf-8", "surrogatepass")): number
+            for number, name in await connection.fetch("SELECT id, name FROM node")
+        }
+        self._last: dict[int, int] = dict(await connection.fetch("SELECT node, max(last) FROM block GROUP BY node"))
+        self._counts: dict[int, int] = {}
+        for node, count, time in await connection.fetch("SELECT node, count(*), max(time) FROM sample GROUP BY node"):
+            self._counts[node] = count
+            self._last[node] = time
+        await self._read_days(connection)
+        self._decoded: OrderedDict[tuple[int, int], list[Row]] = OrderedDict()
+        self._large = self._with_many()
+
+    async def _read_days(self, connection: Connection) -> None:
+        names = [str(name) for (name,) in await connection.fetch(_PARTITIONS)]
+        self._days = {int(name.removeprefix("sample_d")) for name in names if name != "sample_late"}
+        """Those that have a partition, counted from the epoch of ticks."""
+
+    def _with_many(self) -> list[int]:
+        """Nodes with enough rows for a block."""
+        return [number for number, count in self._counts.items() if count >= 2 * BLOCK_ROWS]
+
+    def last_times(self) -> dict[NodeId, int]:
+        """The time of the last row of each node that has any."""
+        return {key: self._last[number] for key, number in self._ids.items() if number in self._last}
+
+    def write(self, batch: Sequence[Kept], now: int) -> None:
+        """Store rows in one commit."""
+        self._database.run(lambda connection: self._write(connection, batch, now))
+
+    async def _write(self, connection: Connection, batch: Sequence[Kept], now: int) -> None:
+        ids, last, counts = dict[NodeId, int](), dict[int, int](), dict[int, int]()
+        rows: list[tuple[int, int, int, bytes]] = []
+        for key, row in batch:
+            number = self._ids.get(key) or ids.get(key)
+            if number is None:
+                number = ids[key] = len(self._ids) + len(ids) + 1
+            if row.time <= last.get(number, self._last.get(number, -1)):
+                continue  # it is there: the commit was made, and only its answer was not
+            last[number] = row.time
+            counts[number] = counts.get(number, 0) + 1
+            rows.append((number, row.time, row.status, encode_value(row)))
+        today = now // _DAY
+        days = {time // _DAY for _, time, _, _ in rows}.intersection(range(today - 1, today + 2)) - self._days
+        async with connection.transaction():
+            for day in days:
+                await _add_day(connection, day)
+            if ids:
+                nodes = [(number, node_text(key).encode("utf-8", "surrogatepass")) for key, number in ids.items()]
+                await connection.copy_records_to_table("node", records=nodes, schema_name=SCHEMA)
+            if rows:
+                await connection.copy_records_to_table("sample", records=rows, schema_name=SCHEMA)
+            await connection.execute(_SET_META, "alive", str(now).encode())
+        self._ids |= ids
+        self._last |= last
+        self._days |= days
+        for number, count in counts.items():
+            before = self._counts.get(number, 0)
+            self._counts[number] = before + count
+            if before < 2 * BLOCK_ROWS <= before + count:
+                self._large.append(number)
+
+    def series(self, key: NodeId) -> PostgresSeries:
+        """The rows of a node."""
+        return PostgresSeries(self, key)
+
+    def used_bytes(self) -> int:
+        """Bytes of all partitions with their indexes."""
+        return self._database.run(_used)
+
+    def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
+        """Compact a node, or remove what is too old."""
+        return self._database.run(lambda connection: self._tend(connection, now, days_of, most_bytes), TENDING_S)
+
+    def close(self) -> None:
+        """Give the database free."""
+        self._database.close()
+
+    async def _tend(
+        self, connection: Connection, now: int, days_of: Callable[[NodeId], float], most_bytes: int
+    ) -> bool:
+        if self._large:
+            await self._compact(connection, self._large.pop())
+            return True
+        if not self._aged:
+            if now < self._next_round:
+                return False
+            self._next_round = now + 60 * TICKS_PER_SECOND
+            kept = {key: days_of(key) for key in self._ids}
+            longest = max(kept.values(), default=0.0)
+            self._aged = [key for key, days in kept.items() if days < longest]
+            # Once more those whose compaction has failed; in between there was time for the age of the others.
+            self._large = self._with_many()
+            if kept:
+                await self._drop_old(connection, now - int(longest * _DAY))
+            await self._vacuum(connection)
+            await self._remove_most(connection, now, most_bytes)
+            return bool(self._aged)
+        some, self._aged = self._aged[:_SLICE], self._aged[_SLICE:]
+        await self._remove_old(connection, {self._ids[key]: now - int(days_of(key) * _DAY) for key in some})
+        return bool(self._aged)
+
+    async def _compact(self, connection: Connection, number: int) -> None:
+        """Make blocks of the oldest rows of a node, in one commit each."""
+        while self._counts.get(number, 0) >= 2 * BLOCK_ROWS:
+            oldest = await self._rows(connection, number, EARLIEST, LATEST, BLOCK_ROWS, backward=False)
+            day = oldest[0].time // _DAY
+            rows = list(takewhile(lambda row: row.time // _DAY == day, oldest))  # noqa: B023 - it is used at once
+            data = encode_block(rows)
+            async with connection.transaction():
+                await connection.execute(
+                    "INSERT INTO block VALUES ($1, $2, $3, $4)", number, rows[0].time, rows[-1].time, data
+                )
+                await connection.execute("DELETE FROM sample WHERE node = $1 AND time <= $2", number, rows[-1].time)
+            self._counts[number] -= len(rows)
+
+    async def _drop_old(self, connection: Connection, before: int) -> None:
+        """Drop the days that are too old for all nodes."""
+        old = [day for day in sorted(self._days) if (day + 1) * _DAY <= before]
+        for day in old:
+            await self._drop_day(connection, day)
+        for table, column in (("sample", "time"), ("block", "last")):
+            await connection.execute(f"DELETE FROM {table}_late WHERE {column} < {before:d}")
+        await self._count_again(connection)
+
+    async def _drop_day(self, connection: Connection, day: int) -> None:
+        """The oldest day, by far the quickest way to remove anything."""
+        await connection.execute("; ".join(f"DROP TABLE {table}_d{day:d}" for table, _ in _TABLES))
+        self._days.discard(day)
+
+    async def _remove_old(self, connection: Connection, before: dict[int, int]) -> None:
+        """Remove the old rows of nodes that are kept for a shorter time than others."""
+        numbers, times = list(before), list(before.values())
+        for table, column in (("sample", "time"), ("block", "last")):
+            await connection.execute(
+                f"DELETE FROM {table} USING unnest($1::integer[], $2::bigint[]) AS old (number, before)"
+                f" WHERE node = number AND {column} < before AND {column} < {max(times):d}",
+                numbers,
+                times,
+            )
+        await self._count_again(connection)
+
+    async def _count_again(self, connection: Connection) -> None:
+        self._decoded.clear()
+        self._counts = dict(await connection.fetch("SELECT node, count(*) FROM sample GROUP BY node"))
+
+    async def _vacuum(self, connection: Connection) -> None:
+        """Write the partitions of rows anew that are large and nearly empty, since their rows are in blocks by now."""
+        live = dict(await connection.fetch("SELECT tableoid::regclass::text, count(*) FROM sample GROUP BY 1"))
+        for name in [f"sample_d{day}" for day in self._days] + ["sample_late"]:
+            size = await connection.fetchval("SELECT pg_total_relation_size($1::text::regclass)", name)
+            if size > _SPARE_BYTES + 2 * _ROW_BYTES * live.get(name, 0):
+                await connection.execute(f"VACUUM (FULL) {name}")
+
+    async def _remove_most(self, connection: Connection, now: int, most_bytes: int) -> None:
+        """Remove the oldest day, again and again, while there is too much; of the last one a part."""
+        for _ in range(_TRIES):
+            used = await _used(connection)
+            if used <= most_bytes:
+                break
+            if await connection.fetchval("SELECT EXISTS (SELECT FROM sample_late) OR EXISTS (SELECT FROM block_late)"):
+                await connection.execute("TRUNCATE sample_late, block_late")
+            elif len(self._days) > 1:
+                await self._drop_day(connection, min(self._days))
+            elif self._days:
+                await self._shorten_day(connection, min(self._days), now, most_bytes / used)
+        await self._count_again(connection)
+
+    async def _shorten_day(self, connection: Connection, day: int, now: int, share: float) -> None:
+        """Remove the older part of a day, so that about such a share stays."""
+        oldest = await connection.fetchval(
+            # A block goes as a whole: so at least one does.
+            f"SELECT least((SELECT min(last) FROM block_d{day:d}), (SELECT min(time) FROM sample_d{day:d}))"
+        )
+        newest = max(self._last.values(), default=now)
+        before = (now if oldest is None else oldest) + int((newest - (oldest or now)) * (1.05 - share)) + 1
+        for table, column in (("sample", "time"), ("block", "last")):
+            await connection.execute(f"DELETE FROM {table}_d{day:d} WHERE {column} < {before:d}")
+            await connection.execute(f"VACUUM (FULL) {table}_d{day:d}")
+
+    async def _rows(
+        self, connection: Connection, number: int, first: int, last: int, most: int, *, backward: bool
+    ) -> list[Row]:
+        """Those of a node that are in no block."""
+        found = await connection.fetch(_ROWS[backward], number, first, last, most)
+        try:
+            return [decode_value(time, status, value) for time, status, value in found]
+        except BROKEN as error:
+            raise self._broken(error) from error
+
+    def _block(self, number: int, first: int, data: bytes) -> list[Row]:
+        """The rows of a block."""
+        key = number, first
+        rows = self._decoded.pop(key, None)
+        if rows is None:
+            try:
+                rows = decode_block(data)
+            except BROKEN as error:
+                raise self._broken(error) from error
+            if len(self._decoded) >= CACHED_BLOCKS:
+                self._decoded.popitem(last=False)
+        self._decoded[key] = rows
+        return rows
+
+    def _broken(self, error: Exception) -> StorageUnavailable:
+        return StorageUnavailable(f"{self.name}: a block of the history is broken ({error}); restore a backup of it")
+
+    def between(self, key: NodeId, first: int, last: int, most: int, *, backward: bool) -> list[Row]:
+        """Rows of a node, as `Series.between`."""
+        if first > last or most <= 0:
+            return []
+        last = min(last, LATEST)
+        return self._database.run(lambda connection: self._between(connection, key, first, last, most, backward))
+
+    async def _between(
+        self, connection: Connection, key: NodeId, first: int, last: int, most: int, backward: bool
+    ) -> list[Row]:
+        number = self._ids.get(key)
+        if number is None:
+            return []
+        found = await self._rows(connection, number, first, last, most, backward=True) if backward else list[Row]()
+        low, high = max(first - first % _DAY, 0), last  # a block is within one day
+        while len(found) < most:
+            limit = min(_BLOCKS_READ, 1 + (most - len(found)) // 500)
+            blocks = await connection.fetch(_BLOCKS[backward], number, low, high, first, limit)
+            for start, data in blocks:
+                within: Iterable[Row] = self._block(number, start, data)
+                within = [row for row in within if first <= row.time <= last]
+                found += within[::-1] if backward else within
+                low, high = (low, start - 1) if backward else (start + 1, high)
+            if len(blocks) < limit:
+                break
+        if not backward and len(found) < most:
+            found += await self._rows(connection, number, first, last, most - len(found), backward=False)
+        return found[:most]
+
+
+class PostgresSeries:
+    """The rows of one node."""
+
+    def __init__(self, store: PostgresHistory, key: NodeId) -> None:
+        self._store, self._key = store, key
+
+    def between(self, first: int, last: int, most: int, *, backward: bool = False) -> list[Row]:
+        """As the protocol says."""
+        return self._store.between(self._key, first, last, most, backward=backward)
+
+
+async def _used(connection: Connection) -> int:
+    used: Any = await connection.fetchval(_USED)
+    return int(used)
+
+
+async def _add_day(connection: Connection, day: int) -> None:
+    """Make the partitions of a day; what came before them, since a clock was wrong, moves there."""
+    low, high = day * _DAY, (day + 1) * _DAY
+    for table, column in _TABLES:
+        within = f"{column} >= {low:d} AND {column} < {high:d}"
+        await connection.execute(f"CREATE TEMPORARY TABLE moved AS SELECT * FROM {table}_late WHERE {within}")
+        await connection.execute(f"DELETE FROM {table}_late WHERE {within}")
+        await connection.execute(
+            f"CREATE TABLE {table}_d{day:d} PARTITION OF {table} FOR VALUES FROM ({low:d}) TO ({high:d})"
+        )
+        await connection.execute(f"INSERT INTO {table} SELECT * FROM moved; DROP TABLE moved")

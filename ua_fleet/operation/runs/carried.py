@@ -25,7 +25,7 @@ from ua_fleet.carrying import PlanView, Split, encode_part, parts_of, split
 from ua_fleet.carrying.token import Token, encode_token
 from ua_fleet.carrying.words import CARRY, CARRY_ID, Word, carry_topic, decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, StorageUnavailable, UaFleetError
+from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, UaFleetError
 from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.runs.library import Checked, parameters_of
 from ua_fleet.operation.runs.service import ScenarioService, new_run_id
@@ -83,6 +83,8 @@ class _Asked:
     problem: str = "it has not answered yet"
     count: int = 0
     """Facts that were fetched."""
+    is_caught_up: bool = False
+    """Whether all was fetched once that it had: what the others say may be put in order with it."""
     is_complete: bool = False
     """Whether it has no more facts, and does nothing for the run."""
 
@@ -101,6 +103,8 @@ class _Run:
     """The space that gets the token."""
     closed: tuple[float, str, str] | None = None
     """When, how and why the run has ended, as a bridge says or the server has decided."""
+    fetched: list[Fact] = field(default_factory=list[Fact])
+    """Facts that are not in the journal yet: they are put in order with those of bridges that were not asked yet."""
     known: set[str] = field(default_factory=set[str])
     """Facts that are in the journal already, as lines."""
     shown: str = ""
@@ -211,7 +215,7 @@ class CarriedRuns:
         run.token = encode_token(Token(run_id, plan_hash, 1, 0, 0), ())
         run.until = self._clock() + OFFER_S
         created = RunCreated(now, run_id, scenario.text, parameters, by)
-        self._service.note(run_id, [created, RunCarried(now, plan.spaces, plan_hash.hex())])
+        self._service.note_first(run_id, [created, RunCarried(now, plan.spaces, plan_hash.hex())])
         self._runs[run_id] = run
         self._hold(run)
         self._log.info("carried run started", run_id=run_id, scenario=scenario.name, by=by)
@@ -282,19 +286,21 @@ class CarriedRuns:
 
     def _step(self, run: _Run, now: float) -> None:
         """Ask each bridge for what it is to be asked for in this phase, and see whether that is over."""
-        try:
-            self._end_phase(run, now)
-        except StorageUnavailable as error:
-            self._log.error("a carried run cannot be recorded", run_id=run.run_id, reason=str(error))
-            for asked in run.bridges.values():
-                asked.next_at = now + 1.0
-            return
+        self._end_phase(run, now)
         for space, asked in run.bridges.items():
             if not asked.is_asked and now >= asked.next_at:
                 self._ask_for(run, space, asked, now)
         self._show_waits(run)
 
+    def _show_fetched(self, run: _Run) -> None:
+        """Write down and show what was fetched, in the order in which it happened."""
+        if run.fetched and all(asked.is_caught_up or asked.problem for asked in run.bridges.values()):
+            run.fetched.sort(key=lambda fact: fact.at)
+            self._service.note(run.run_id, run.fetched)
+            run.fetched = []
+
     def _end_phase(self, run: _Run, now: float) -> None:
+        self._show_fetched(run)
         is_late = now >= run.until
         missing = [space for space, asked in run.bridges.items() if not asked.is_done]
         match run.phase:
@@ -380,22 +386,20 @@ class CarriedRuns:
         """The facts of one bridge, as they happened there."""
         (packed,) = unpack(result)
         words = decode_words(zlib.decompressobj().decompress(packed.value, MOST_JSON_BYTES), most=MOST_JSON_BYTES)
-        facts: list[Fact] = []
         for line in words["facts"]:
             asked.count += 1
             fact = decode_fact(line)
             is_ours = not isinstance(fact, RunCreated | RunEnded | RunClosing) and getattr(fact, "step", "x") != ""
             if is_ours and (line := encode_fact(fact)) not in run.known:
                 run.known.add(line)
-                facts.append(fact)
-        if facts:
-            self._service.note(run.run_id, facts)
-        asked.is_complete = asked.count >= words["count"] and not words["active"]
+                run.fetched.append(fact)
+        has_all = asked.count >= words["count"]
+        asked.is_complete, asked.is_caught_up = has_all and not words["active"], asked.is_caught_up or has_all
         asked.problem = str(words["waits"])
         if words["closed"] is not None and run.closed is None:
             at, outcome, reason = words["closed"]
             run.closed = (float(at), str(outcome), str(reason))
-        if asked.count < words["count"]:
+        if not has_all:
             asked.next_at = 0.0
 
     # The end.

@@ -284,10 +284,21 @@ class ScenarioService:
             raise TooManyRuns(f"{most} runs are under way, and more may not be; abort one, or wait for its end")
 
     def note(self, run_id: str, facts: Sequence[Fact]) -> None:
-        """Write down and show facts of a run that is not ours to decide; raises StorageUnavailable."""
+        """Write down and show facts of a run that is not ours to decide; later, where that is not possible now."""
         for fact in facts:
             self._carrier.note(run_id, fact)
-        self._do([RunChanged(run_id, fact) for fact in facts], must_be_written=True)
+        self._do([RunChanged(run_id, fact) for fact in facts])
+
+    def note_first(self, run_id: str, facts: Sequence[Fact]) -> None:
+        """The same for the first facts of a run; raises StorageUnavailable, and then there is no such run."""
+        for fact in facts:
+            self._carrier.note(run_id, fact)
+        try:
+            self._do([RunChanged(run_id, fact) for fact in facts], must_be_written=True)
+        except StorageUnavailable:
+            if self._carrier.first_unwritten(run_id) is facts[0]:
+                self._carrier.drop(run_id)
+                raise
 
     def facts_of(self, run_id: str) -> list[Fact]:
         """The facts of a run in the journal; raises StorageUnavailable."""

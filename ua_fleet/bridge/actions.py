@@ -161,8 +161,8 @@ class Actions:
         """Why executions cannot be recorded; empty while they can."""
         self.driven_by: Callable[[str], str] = lambda _robot: ""
         """Why a robot does nothing else now, since somebody drives it by hand; empty where it may."""
-        self.reserved_for: Callable[[str], str] = lambda _robot: ""
-        """The carried run that a robot is reserved for; empty where it is for anybody."""
+        self.reserved_for: Callable[[str, int | None], str] = lambda _robot, _space: ""
+        """The carried run that keeps a robot from what a space asks, or people do (None); empty: none does."""
         self.answer_own: Callable[[bytes], None] = lambda _datagram: None
         """Takes the responses to `receive_own`."""
         self.rival: Callable[[float], str] = lambda _now: ""
@@ -224,7 +224,7 @@ class Actions:
         """Why a robot cannot be driven by hand now; empty where nothing is under way there."""
         if problem := self.rival(now):
             return problem
-        if run := self.reserved_for(robot):
+        if run := self.reserved_for(robot, None):
             return f"it is reserved for the run {run}, which bridges carry; abort that first, or wait for its end"
         for execution in self._responder.executions():
             named = self._board.names_of(execution.target) if execution.report.state in OPEN else None
@@ -363,7 +363,7 @@ class Actions:
             named = self._board.names_of(execution.target)
             if named is not None and (problem := self.driven_by(named[0])):
                 raise RobotBusy(f"{named[0]} does no skill now: {problem}")
-            if named is not None and execution.space != self._space and (run := self.reserved_for(named[0])):
+            if named is not None and (run := self.reserved_for(named[0], execution.space)):
                 raise RobotBusy(f"{named[0]} is reserved for the run {run}, which bridges carry")
             self._driver.execute(_of_driver(execution))
         except SkillError as error:

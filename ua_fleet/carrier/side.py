@@ -234,9 +234,9 @@ class _Carrier:
         elif was_idle:
             self._engine.catch_up(now)
         for held in self._holder.runs.values():
-            for segment in held.part.segments.values():
-                for road in segment.then:
-                    self._outbox.want(road.space)
+            for space in held.part.spaces:
+                if space != self._space:
+                    self._outbox.want(space)
 
     def _answer(self, words: dict[str, Any]) -> None:
         run_id, step, answer, by = (str(words.get(name, "")) for name in ("run", "step", "answer", "by"))

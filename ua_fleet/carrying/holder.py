@@ -299,10 +299,13 @@ class Holder:
         ends = [held.heard + held.part.lease_s for held in self.runs.values() if not held.closed and not held.active]
         return min(ends, default=None)
 
-    def reserved_for(self, robot: str) -> str:
-        """The run that has reserved a robot; empty where none has."""
+    def reserved_for(self, robot: str, asking: int | None = None) -> str:
+        """The run that keeps a robot from doing something for a space, or for people; empty where none does.
+
+        The bridges of the run may ask it: one whose own robot has failed may need this one in its place.
+        """
         for run_id, held in self.runs.items():
-            if held.closed is None and robot in held.part.robots():
+            if held.closed is None and asking not in held.part.spaces and robot in held.part.robots():
                 return run_id
         return ""
 

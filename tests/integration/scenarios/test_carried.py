@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from pathlib import Path
 from typing import Any
 
+import pytest
 from asyncua.client.client import Client
 
 from tests.integration.scenarios.conftest import Plant, all_heard, call, run_is, texts, value
 from tests.integration.server_model.harness import until
+from tests.system import Processes
 
 THREE = """
   - {task: first, skill: work, robot: left, arguments: {work: one}}
@@ -196,3 +199,68 @@ async def test_why_a_scenario_cannot_be_carried(plant: Plant) -> None:
         called = await call(client, "Scenarios", "RunCarried", "three", texts(), texts())
         assert called.status == 2
         assert "requestors" in called.message
+
+
+@pytest.mark.parametrize("plant", ["automatic"], indirect=True)
+async def test_another_bridges_robot_stands_in_without_the_server(plant: Plant) -> None:
+    mutual(plant)
+    steps = THREE.replace("work: two", "work: heavy, seconds: 1")
+    plant.scenario("three", steps.replace("work: one", "work: one, seconds: 2"))
+    plant.machines["middle"].weaken()
+    plant.users()
+    server = plant.server_process()
+    for robot in plant.machines:
+        plant.bridge(robot)
+    async with plant.client() as client:
+        await all_heard(client)
+        run_id = await run_carried(client, "three")
+        await until(lambda: _told(plant), lambda told: told == [("left", "one")], timeout_s=60)
+    server.process.send_signal(signal.SIGKILL)
+    await asyncio.to_thread(server.process.wait)
+    told = await until(lambda: _told(plant), lambda told: len(told) == 4, timeout_s=60)
+    assert told[1] == ("middle", "heavy")
+    assert told[2] in (("left", "heavy"), ("right", "heavy"))
+    assert told[3] == ("right", "heavy"), "the third task says what the second one has done"
+    plant.server_process()
+    async with plant.client() as client:
+        assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
+        robots = await value(client, f"Scenarios.Runs.{run_id}.Robots")
+        assert robots == ["left", told[2][0], "right"]
+
+
+async def test_words_of_carried_runs_are_signed_and_encrypted(
+    tmp_path: Path, udp_url: str, tcp_port: int, processes: Processes
+) -> None:
+    pubsub = {"security": "sign_and_encrypt", "keys": {"source": "files"}}
+    plant = Plant(tmp_path, udp_url, tcp_port, processes, "operator", pubsub)
+    mutual(plant)
+    plant.scenario("three", THREE)
+    await plant.prepare()
+    async with plant.server():
+        for robot in plant.machines:
+            plant.bridge(robot)
+        async with plant.client() as client:
+            await all_heard(client)
+            run_id = await run_carried(client, "three")
+            state = await run_is(client, run_id, "done", "failed", "aborted")
+            assert state == "done", await value(client, f"Scenarios.Runs.{run_id}.Reason")
+            assert plant.told() == [("left", "one"), ("middle", "two"), ("right", "two")]
+
+
+async def test_a_robot_of_a_carried_run_does_nothing_else_for_anybody(plant: Plant) -> None:
+    mutual(plant)
+    plant.scenario("three", THREE.replace("work: one", "work: one, seconds: 4"))
+    plant.scenario("other", "\n  - {task: only, skill: work, robot: right, arguments: {work: other}}\n")
+    async with plant.server():
+        for robot in plant.machines:
+            plant.bridge(robot)
+        async with plant.client() as client:
+            await all_heard(client)
+            run_id = await run_carried(client, "three")
+            await until(lambda: _told(plant), bool, timeout_s=60)
+            called = await call(client, "Scenarios", "Run", "other", texts(), texts())
+            other: str = called.outputs[0]
+            await until(lambda: _reason(client, other), lambda found: "reserved" in found, timeout_s=60)
+            assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
+            assert await run_is(client, other, "done", "failed", "aborted") == "done"
+            assert plant.told()[-2:] == [("right", "two"), ("right", "other")]

@@ -160,6 +160,8 @@ def test_a_text_that_does_not_fit_in_a_token_fails_its_segment() -> None:
 
 def test_robots_are_reserved_until_the_run_is_over_or_its_lease_is(bridge: Bridge) -> None:
     assert bridge.holder.reserved_for("b") == "run"
+    assert bridge.holder.reserved_for("b", 0) == "run"
+    assert bridge.holder.reserved_for("b", 300) == "", "a bridge of the run may need it"
     assert bridge.holder.reserved_for("a") == ""
     due = bridge.holder.next_deadline()
     assert due == bridge.parts[301].lease_s

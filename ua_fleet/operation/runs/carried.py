@@ -60,6 +60,8 @@ ANSWER_S: Final = 2.0
 AGAIN_S: Final = 0.2
 """A bridge that has not answered is asked again after so long."""
 FOLLOW_S: Final = 0.5
+ORDER_S: Final = 5.0
+"""So long facts wait for those of bridges that have not answered yet, which may have happened before."""
 MOST_JSON_BYTES: Final = 1_000_000
 """Of one page, decompressed."""
 _OUTCOMES: Final = {"done": RunOutcome.DONE, "failed": RunOutcome.FAILED, "aborted": RunOutcome.ABORTED}
@@ -105,6 +107,8 @@ class _Run:
     """When, how and why the run has ended, as a bridge says or the server has decided."""
     fetched: list[Fact] = field(default_factory=list[Fact])
     """Facts that are not in the journal yet: they are put in order with those of bridges that were not asked yet."""
+    fetched_at: float = 0.0
+    """When the first of them came, by the monotonic clock."""
     known: set[str] = field(default_factory=set[str])
     """Facts that are in the journal already, as lines."""
     shown: str = ""
@@ -294,7 +298,8 @@ class CarriedRuns:
 
     def _show_fetched(self, run: _Run) -> None:
         """Write down and show what was fetched, in the order in which it happened."""
-        if run.fetched and all(asked.is_caught_up or asked.problem for asked in run.bridges.values()):
+        is_late = self._clock() >= run.fetched_at + ORDER_S
+        if run.fetched and (is_late or all(asked.is_caught_up for asked in run.bridges.values())):
             run.fetched.sort(key=lambda fact: fact.at)
             self._service.note(run.run_id, run.fetched)
             run.fetched = []
@@ -392,6 +397,7 @@ class CarriedRuns:
             is_ours = not isinstance(fact, RunCreated | RunEnded | RunClosing) and getattr(fact, "step", "x") != ""
             if is_ours and (line := encode_fact(fact)) not in run.known:
                 run.known.add(line)
+                run.fetched_at = run.fetched_at if run.fetched else self._clock()
                 run.fetched.append(fact)
         has_all = asked.count >= words["count"]
         asked.is_complete, asked.is_caught_up = has_all and not words["active"], asked.is_caught_up or has_all

@@ -13,9 +13,10 @@ from typing import Any, Final
 
 from ua_fleet.bridge.carry import CarryGround
 from ua_fleet.carrying import Holder, SendEnd, SendToken
-from ua_fleet.carrying.words import CARRY, Word, carry_topic, encode_words
+from ua_fleet.carrying.words import encode_words
 from ua_fleet.errors import RobotOffline, UaFleetError
 from ua_fleet.operation.skills.commands import SkillCommands
+from ua_fleet.pubsub.carry_action import CARRY, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.skill.executions import EXECUTION_ID_BYTES, OutcomeKind, RequestOutcome
 from ua_fleet.skill.journal import MemoryJournal

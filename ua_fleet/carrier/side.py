@@ -23,18 +23,10 @@ from ua_fleet.carrier.outbox import Outbox
 from ua_fleet.carrying import Begin, Holder, Stop, segment_run
 from ua_fleet.carrying.fragments import segment_scenario
 from ua_fleet.carrying.holder import Carry
-from ua_fleet.carrying.words import (
-    CARRY,
-    CARRY_ID,
-    CARRY_REQUEST,
-    CARRY_RESPONSE,
-    Word,
-    carry_topic,
-    decode_words,
-    encode_words,
-)
+from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import LocalWireError, ScenarioError, StorageUnavailable
+from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, CARRY_REQUEST, CARRY_RESPONSE, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, SubscriberEvent
 from ua_fleet.scenario.facts import Fact, encode_fact
 from ua_fleet.skill.executions import RequestorName, pack

@@ -265,6 +265,10 @@ class HistoryPart(TimedPart, Protocol):
 class CarriedPart(TimedPart, Protocol):
     """Runs that bridges carry: see `operation.runs.carried`."""
 
+    def follow(self, event: SubscriberEvent) -> None:
+        """Take what robots say."""
+        return
+
     def announced(self, announcement: ActionMetaDataAnnouncement) -> None:
         """Learn of an Action."""
         return

@@ -309,6 +309,7 @@ class ServerCore:
                 else:
                     self._runs.source_lost(event.topic)
         self._teleoperation.follow(event)
+        self._carried.follow(event)
 
     def _take(self, changes: Iterable[Change], now: float) -> None:
         for value in self._values(changes, now):

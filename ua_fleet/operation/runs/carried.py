@@ -23,14 +23,15 @@ from typing import Any, Final
 
 from ua_fleet.carrying import PlanView, Split, encode_part, parts_of, split
 from ua_fleet.carrying.token import Token, encode_token
-from ua_fleet.carrying.words import CARRY, CARRY_ID, Word, carry_topic, decode_words, encode_words
+from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, UaFleetError
 from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.runs.library import Checked, parameters_of
 from ua_fleet.operation.runs.service import ScenarioService, new_run_id
 from ua_fleet.operation.skills.commands import SkillCommands
-from ua_fleet.pubsub.events import ActionReceived
+from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, Word, carry_topic
+from ua_fleet.pubsub.events import ActionReceived, DataReceived, SubscriberEvent
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import (
@@ -59,7 +60,12 @@ OFFER_S: Final = 10.0
 ANSWER_S: Final = 2.0
 AGAIN_S: Final = 0.2
 """A bridge that has not answered is asked again after so long."""
-FOLLOW_S: Final = 0.5
+FOLLOW_S: Final = 5.0
+"""A bridge whose robots say nothing new is asked what has become of a run after so long."""
+CLOSING_S: Final = 0.5
+"""The same for one that cannot hand over a token, and at the end, when no robot says anything."""
+NEWS_S: Final = 0.1
+"""One whose robot has begun or ended something is asked so long after that: it may hand over the token meanwhile."""
 ORDER_S: Final = 5.0
 """So long facts wait for those of bridges that have not answered yet, which may have happened before."""
 MOST_JSON_BYTES: Final = 1_000_000
@@ -149,6 +155,7 @@ class CarriedRuns:
         self._asked: dict[bytes, Callable[[RequestOutcome], None]] = {}
         self._commands = commands(instance=INSTANCE, told=self._told, most_remembered=1000)
         self._runs: dict[str, _Run] = {}
+        self._statuses = {robot.skill_status for robot in service.robots.values()}
         for record in service.carried:
             has_begun = "" in record.state.started
             run = self._runs[record.run_id] = _Run(
@@ -267,6 +274,14 @@ class CarriedRuns:
     def receive(self, event: ActionReceived, now: float) -> None:
         """Take responses."""
         self._commands.receive(event, now)
+
+    def follow(self, event: SubscriberEvent) -> None:
+        """A robot has begun or ended something: its bridge has news of the run."""
+        if isinstance(event, DataReceived) and event.topic in self._statuses:
+            for run in self._runs.values():
+                if (asked := run.bridges.get(event.topic.space)) is not None and run.phase is _Phase.FOLLOWING:
+                    asked.next_at = min(asked.next_at, self._clock() + NEWS_S)
+                    self._sooner()
 
     def _told(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         if (told := self._asked.pop(execution_id, None)) is not None:
@@ -402,9 +417,14 @@ class CarriedRuns:
         has_all = asked.count >= words["count"]
         asked.is_complete, asked.is_caught_up = has_all and not words["active"], asked.is_caught_up or has_all
         asked.problem = str(words["waits"])
+        if asked.problem or words["closed"] is not None:
+            asked.next_at = self._clock() + CLOSING_S
         if words["closed"] is not None and run.closed is None:
             at, outcome, reason = words["closed"]
             run.closed = (float(at), str(outcome), str(reason))
+        if run.closed is not None:  # the others know it by now, or soon
+            for each in run.bridges.values():
+                each.next_at = min(each.next_at, self._clock() + CLOSING_S)
         if not has_all:
             asked.next_at = 0.0
 

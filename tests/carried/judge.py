@@ -20,10 +20,10 @@ def problems_of(world: World) -> list[str]:
 def _not_over(world: World) -> list[str]:
     if world.is_over:
         return []
-    states = {}
+    states: dict[int, tuple[str | None, tuple[int, ...]] | None] = {}
     for space, bridge in world.bridges.items():
         held = bridge.holder.runs.get(RUN)
-        states[space] = None if held is None else (held.closed and held.closed.outcome, held.active)
+        states[space] = None if held is None else (held.closed.outcome if held.closed else None, held.active)
     if not world.robots.begun and all(held is None or held[0] or not held[1] for held in states.values()):
         return []  # nothing begun: the reservations end with their lease
     return [f"it has not ended: {states}"]
@@ -50,7 +50,7 @@ def _twice(world: World) -> list[str]:
 def _order(world: World) -> list[str]:
     """What comes after something begins when that has ended."""
     found: list[str] = []
-    begun_at = {}
+    begun_at: dict[str, tuple[float, float]] = {}
     for begun in world.robots.begun:
         key = begun.step.partition("@")[0]
         first, last = begun_at.get(key, (begun.at, begun.ended or begun.at))

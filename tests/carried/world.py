@@ -10,12 +10,25 @@ import heapq
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count
 from random import Random
-from typing import Any, Final
+from typing import Final
 
 from tests.carried.plans import VIEW, scenario_by
-from ua_fleet.carrying import Begin, Holder, Part, SendToken, Stop, Token, encode_part, encode_token, parts_of, split
+from ua_fleet.carrying import (
+    Begin,
+    Holder,
+    Part,
+    SendEnd,
+    SendToken,
+    Stop,
+    Token,
+    encode_part,
+    encode_token,
+    parts_of,
+    split,
+)
 from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
 from ua_fleet.carrying.fragments import decode_scenario, segment_scenario
 from ua_fleet.carrying.holder import Carry
@@ -65,8 +78,8 @@ class Robots:
 
     fails: Callable[[str, int], bool]
     identity: Callable[[StartTask], str] = lambda effect: effect.execution_id
-    begun: list[Begun] = field(default_factory=list)
-    by_id: dict[str, Begun] = field(default_factory=dict)
+    begun: list[Begun] = field(default_factory=list[Begun])
+    by_id: dict[str, Begun] = field(default_factory=dict[str, Begun])
 
     def begin(self, effect: StartTask, now: float) -> Begun:
         """Begin an execution, or find what is known of it."""
@@ -332,7 +345,7 @@ class World:
     def run(self) -> None:
         """Let it go until it is over, or for a long time."""
         for bridge in self.bridges.values():
-            self.at(self.random.uniform(0.0, AGAIN_S), lambda one=bridge: self._each(one))
+            self.at(self.random.uniform(0.0, AGAIN_S), partial(self._each, bridge))
         self.at(0.0, self._server)
         while self._events and self.now < END_S:
             self.now, _, work = heapq.heappop(self._events)
@@ -364,7 +377,7 @@ class World:
         if is_bad and self.random.random() < 0.2:
             self.at(self.now + self.random.uniform(0.5, 100.0), work)
 
-    def say(self, bridge: Bridge, sent: Any) -> None:
+    def say(self, bridge: Bridge, sent: SendToken | SendEnd) -> None:
         """A bridge tells another one, which acknowledges it."""
         space = sent.road.space if isinstance(sent, SendToken) else sent.space
         target, life = self.bridges[space], bridge.life
@@ -372,8 +385,10 @@ class World:
         def acknowledged() -> None:
             if bridge.life != life:
                 return
-            note = bridge.holder.handed_over if isinstance(sent, SendToken) else bridge.holder.end_told
-            bridge.act(lambda: note(sent, self.now))
+            if isinstance(sent, SendToken):
+                bridge.act(partial(bridge.holder.handed_over, sent, self.now))
+            else:
+                bridge.act(partial(bridge.holder.end_told, sent, self.now))
 
         def arrive() -> None:
             def take() -> None:

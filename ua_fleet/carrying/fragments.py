@@ -13,6 +13,7 @@ from typing import Any, Final
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario.expression import Expression, Value, parse_expression
 from ua_fleet.scenario.model import (
+    Argument,
     Condition,
     End,
     EndOutcome,
@@ -144,9 +145,10 @@ def _decode(data: Any, depth: int) -> Step:
 
 
 def _decode_task(data: Any, key: str, line: int) -> Task:
-    arguments = {
-        name: parse_expression(value["="]) if isinstance(value, dict) else value
-        for name, value in data.get("arguments", {}).items()
+    given: dict[str, Any] = data.get("arguments", {})
+    arguments: dict[str, Argument] = {
+        name: value if isinstance(value, bool | int | float | str) else parse_expression(str(value["="]))
+        for name, value in given.items()
     }
     return Task(
         key=key,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any, Final
 
+from ua_fleet.document import as_mapping
 from ua_fleet.errors import ScenarioError
 from ua_fleet.values import StatusCode
 
@@ -31,4 +32,4 @@ def decode_words(content: bytes, *, most: int = _MOST_JSON_BYTES) -> dict[str, A
         words: Any = json.loads(content[:most])
     except (ValueError, RecursionError) as error:
         raise WordsInvalid("the content of a word of carried runs cannot be read") from error
-    return {str(name): words[name] for name in words} if isinstance(words, dict) else {}
+    return as_mapping(words) or {}

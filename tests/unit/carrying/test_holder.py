@@ -138,6 +138,7 @@ def test_a_segment_that_fails_fails_the_run_without_the_steps_between(bridge: Br
     assert closed is not None
     assert (closed.outcome, closed.reason) == ("failed", "no part there")
     (told,) = last.holder.to_send()
+    assert isinstance(told, SendEnd)
     assert told == SendEnd("run", 301, "failed", "no part there")
     last.holder.end_told(told, 4.0)
     assert list(last.again().to_send()) == []
@@ -164,6 +165,7 @@ def test_robots_are_reserved_until_the_run_is_over_or_its_lease_is(bridge: Bridg
     assert bridge.holder.reserved_for("b", 300) == "", "a bridge of the run may need it"
     assert bridge.holder.reserved_for("a") == ""
     due = bridge.holder.next_deadline()
+    assert due is not None
     assert due == bridge.parts[301].lease_s
     bridge.holder.poll(due - 1.0)
     assert bridge.holder.reserved_for("b") == "run"

@@ -125,7 +125,7 @@ def test_a_plan_whose_token_could_be_too_large_is_refused_with_its_size() -> Non
 
 
 def test_bridges_that_do_not_take_each_others_actions_are_named() -> None:
-    view = replace(VIEW, requestors=VIEW.requestors | {301: frozenset({0})})
+    view = replace(VIEW, requestors={**VIEW.requestors, 301: frozenset({0})})
     assert "the bridge of space 301 takes no Actions of space 300" in problems(
         task("one", "a"), task("two", "b"), view=view
     )

@@ -19,11 +19,12 @@ from ua_fleet.carrying.token import (
     encode_token,
     most_bytes,
 )
+from ua_fleet.scenario import Value
 from ua_fleet.values import BuiltinType
 
 HASH = bytes(range(8))
 KINDS = (BuiltinType.BOOLEAN, BuiltinType.INT64, BuiltinType.DOUBLE, BuiltinType.UINT64, BuiltinType.STRING)
-VALUES = {
+VALUES: dict[BuiltinType, st.SearchStrategy[Value]] = {
     BuiltinType.BOOLEAN: st.booleans(),
     BuiltinType.INT64: st.integers(-(1 << 63), (1 << 63) - 1),
     BuiltinType.DOUBLE: st.floats(allow_nan=False),
@@ -35,21 +36,21 @@ VALUES = {
 
 
 @st.composite
-def results(draw: st.DrawFn) -> tuple[tuple[BuiltinType, ...], dict[str, object]]:
+def results(draw: st.DrawFn) -> tuple[tuple[BuiltinType, ...], dict[str, Value]]:
     """Types of the results that a segment needs, and those that there are."""
     kinds = tuple(draw(st.lists(st.sampled_from(KINDS), max_size=120)))
     there = draw(st.lists(st.booleans(), min_size=len(kinds), max_size=len(kinds)))
-    values = {f"t{n}.out": draw(VALUES[kind]) for n, kind in enumerate(kinds) if there[n]}
+    values: dict[str, Value] = {f"t{n}.out": draw(VALUES[kind]) for n, kind in enumerate(kinds) if there[n]}
     return kinds, values
 
 
 @given(results(), st.integers(0, 0xFFFF), st.integers(0, WHOLE), st.text("0123-ab", min_size=1, max_size=MOST_RUN_ID))
 def test_no_token_is_larger_than_its_plan_was_told(
-    made: tuple[tuple[BuiltinType, ...], dict[str, object]], segment: int, slot: int, run_id: str
+    made: tuple[tuple[BuiltinType, ...], dict[str, Value]], segment: int, slot: int, run_id: str
 ) -> None:
     kinds, values = made
     names = [f"t{number}.out" for number in range(len(kinds))]
-    token = Token(run_id, HASH, 7, segment, slot, "", values)  # type: ignore[arg-type]
+    token = Token(run_id, HASH, 7, segment, slot, "", values)
     content = encode_token(token, names)
     assert len(content) <= most_bytes(kinds)
     if most_bytes(kinds) <= MOST_TOKEN_BYTES:
@@ -73,11 +74,11 @@ def test_whatever_a_stranger_sends_is_refused_or_read(content: bytes) -> None:
 
 @given(results(), st.data())
 def test_a_token_that_was_changed_on_its_way_is_refused_or_another_one(
-    made: tuple[tuple[BuiltinType, ...], dict[str, object]], data: st.DataObject
+    made: tuple[tuple[BuiltinType, ...], dict[str, Value]], data: st.DataObject
 ) -> None:
     kinds, values = made
     names = [f"t{number}.out" for number in range(len(kinds))]
-    token = Token("run", HASH, 1, 3, 0, "", values)  # type: ignore[arg-type]
+    token = Token("run", HASH, 1, 3, 0, "", values)
     content = bytearray(encode_token(token, names))
     content[data.draw(st.integers(0, len(content) - 1))] ^= data.draw(st.integers(1, 255))
     with contextlib.suppress(TokenInvalid):

@@ -34,6 +34,7 @@ from ua_fleet.carrying.part import Part, PartInvalid, PartSegment, Road, decode_
 from ua_fleet.carrying.token import WHOLE, Token, TokenInvalid, decode_token, encode_token
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Value
+from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import StatusCode
 
 __all__ = ["LOST", "MOST_RUNS", "Begin", "Carry", "HeldRun", "Holder", "RunRefused", "SendEnd", "SendToken", "Stop"]
@@ -174,7 +175,7 @@ class Holder:
         if head.epoch != part.epoch:
             raise RunRefused(f"the token has epoch {head.epoch}, and run {part.run_id} has {part.epoch} here")
         token = decode_token(content, {number: segment.needs for number, segment in part.segments.items()})
-        if sender not in (0, self._space, *part.spaces):
+        if sender not in (SERVER_SPACE, *part.spaces):
             raise RunRefused(f"space {sender} is not in run {part.run_id}")
         segment = part.segments[token.segment]
         if token.slot != WHOLE and token.slot >= segment.slots:
@@ -192,12 +193,18 @@ class Holder:
         return self._go_on(held, token.segment, now)
 
     def take_end(self, run_id: str, outcome: str, reason: str, sender: int, now: float) -> list[Carry]:
-        """A run is over, as whoever has ended it says. One that is not known here is over as well."""
+        """A run is over, as a bridge of it says; or the server, also of one that is not known here.
+
+        Raises:
+            RunRefused: who says it is not in the run.
+        """
         held = self.runs.get(run_id)
         if held is None:
-            if run_id not in self._ended_before:
+            if run_id not in self._ended_before and sender == SERVER_SPACE:
                 self._note(RunClosed(now, run_id, outcome, reason, sender))
             return []
+        if sender not in (SERVER_SPACE, *held.part.spaces):
+            raise RunRefused(f"space {sender} is not in run {run_id}")
         return [] if held.closed is not None else self._close(held, outcome, reason, sender, now)
 
     # What comes from the engine.

@@ -144,6 +144,15 @@ def test_a_segment_that_fails_fails_the_run_without_the_steps_between(bridge: Br
     assert list(last.again().to_send()) == []
 
 
+def test_who_is_not_in_a_run_does_not_end_it(bridge: Bridge) -> None:
+    with pytest.raises(RunRefused, match="space 999 is not in run run"):
+        bridge.holder.take_end("run", "aborted", "enough", 999, 1.0)
+    stranger = Bridge()
+    assert stranger.holder.take_end("run", "aborted", "enough", 999, 1.0) == []
+    stranger.take_part()
+    assert stranger.holder.runs["run"].closed is None
+
+
 def test_an_end_stops_what_is_under_way(bridge: Bridge) -> None:
     bridge.holder.take_token(bridge.token(), 300, 1.0)
     assert bridge.holder.take_end("run", "aborted", "enough", 0, 2.0) == [Stop("run", (1,), "enough")]

@@ -29,7 +29,10 @@ KEEP ?=
 # Runs of teleoperation over the whole chain, by their seeds: make test-teleoperation SEEDS=17,40-43
 SEEDS ?= 0-199
 
-.PHONY: help setup setup-test demo test test-main test-ros1 test-mutations test-teleoperation picture testbed testbed-check bench lint format docs docs-serve sbom lock clean
+# Virtual carried runs, by their seeds: make test-carried CARRIED=17,40-43
+CARRIED ?= 0-1999
+
+.PHONY: help setup setup-test demo test test-main test-ros1 test-mutations test-teleoperation test-carried picture testbed testbed-check bench lint format docs docs-serve sbom lock clean
 
 help:
 	@echo "make demo    the fault-tolerant assembly line: OPC UA server, ROS 1 arm, ROS 2 mobile robot;"
@@ -37,6 +40,7 @@ help:
 	@echo "make test    all tests; what this machine lacks is skipped with the reason"
 	@echo "make test-mutations  200,000 mutated messages of JSON and UADP, of which make test has a part"
 	@echo "make test-teleoperation  200 runs in which robots are driven by hand and something on the way is cut or stops"
+	@echo "make test-carried    2,000 virtual runs that bridges carry, in a network that loses, doubles and cuts, with kills"
 	@echo "make testbed compose.yaml on this machine's Docker engine: all profiles to their end, then every kind of"
 	@echo "             container disturbed; testbed-check only says what this machine lacks for it"
 	@echo "make lint    ruff, mypy, pyright, import rules"
@@ -91,6 +95,9 @@ test-ros1: setup-test
 
 test-teleoperation: setup-test
 	@UA_FLEET_TELEOPERATION_SEEDS=$(SEEDS) $(PYTHON) -m pytest -s tests/teleoperation/test_chain.py --require="$(REQUIRE)" $(ARGS)
+
+test-carried: setup-test
+	@UA_FLEET_CARRIED_SEEDS=$(CARRIED) $(PYTHON) -m pytest tests/carried $(ARGS)
 
 # Decoded alone, and as a server hears them over MQTT. The usual run of the tests has a part of those of JSON.
 test-mutations: setup-test

@@ -64,14 +64,16 @@ from ua_fleet.topics import LoopVerdict, Side, Topic, loop_verdict
 from ua_fleet.transport.addresses import answer_address
 from ua_fleet.transport.party import Answers
 from ua_fleet.values import BuiltinType, Quality, StatusCode, quality_of
-from ua_fleet.wire.actions import encode_action
+from ua_fleet.wire.actions import ActionMessage, encode_action
 from ua_fleet.wire.discovered import ActionTarget
 
-__all__ = ["Actions", "SendTo"]
+__all__ = ["OWN", "Actions", "SendTo"]
 
 SendTo = Callable[[bytes, tuple[str, int]], None]
 """Sends a plain message to one address."""
 
+OWN: Final = ("", 0)
+"""In place of an address: who carries runs in this bridge."""
 RETRY_S: Final = 1.0
 """A driver's fact that could not be journaled is tried again after so long."""
 _SHOWN_AFTER_START: Final = 256
@@ -143,7 +145,7 @@ class Actions:
             space,
             journal,
             counters,
-            allowed_spaces=requestors,
+            allowed_spaces=(*requestors, space),  # of its own space the loop rule lets nothing in
             must_be_verified=must_be_verified,
             limits=limits or ResponderLimits(),
         )
@@ -159,6 +161,10 @@ class Actions:
         """Why executions cannot be recorded; empty while they can."""
         self.driven_by: Callable[[str], str] = lambda _robot: ""
         """Why a robot does nothing else now, since somebody drives it by hand; empty where it may."""
+        self.reserved_for: Callable[[str, int | None], str] = lambda _robot, _space: ""
+        """The carried run that keeps a robot from what a space asks, or people do (None); empty: none does."""
+        self.answer_own: Callable[[bytes], None] = lambda _datagram: None
+        """Takes the responses to `receive_own`."""
         self.rival: Callable[[float], str] = lambda _now: ""
         """Why nothing may be begun now; empty where it may. What is under way goes on, and can be stopped."""
 
@@ -182,8 +188,15 @@ class Actions:
         if reply_to is None:
             self._counters.drop_malformed("response_address")
             return
+        self._receive(message, reply_to, event.verified, now)
+
+    def receive_own(self, message: ActionMessage, now: float) -> None:
+        """Take a request of who carries runs in this process; `answer_own` gets what is said to it."""
+        self._receive(message, OWN, True, now)
+
+    def _receive(self, message: ActionMessage, reply_to: tuple[str, int], verified: bool, now: float) -> None:
         effects = self._recorded(
-            lambda: self._responder.receive(message, reply_to, now, self._wall_ticks(), verified=event.verified), now
+            lambda: self._responder.receive(message, reply_to, now, self._wall_ticks(), verified=verified), now
         )
         self._do(effects or (), now)
         self._settle(now)
@@ -211,6 +224,8 @@ class Actions:
         """Why a robot cannot be driven by hand now; empty where nothing is under way there."""
         if problem := self.rival(now):
             return problem
+        if run := self.reserved_for(robot, None):
+            return f"it is reserved for the run {run}, which bridges carry; abort that first, or wait for its end"
         for execution in self._responder.executions():
             named = self._board.names_of(execution.target) if execution.report.state in OPEN else None
             if named is not None and named[0] == robot:
@@ -332,7 +347,10 @@ class Actions:
         except LocalWireError as error:
             self._failed(f"a response could not be sent: {error}", error)
             return
-        self._send_to(datagram, to)
+        if to == OWN:
+            self.answer_own(datagram)
+        else:
+            self._send_to(datagram, to)
 
     def _execute(self, execution: skill_journal.RecordedExecution, now: float) -> None:
         execution_id = execution.execution_id
@@ -345,6 +363,8 @@ class Actions:
             named = self._board.names_of(execution.target)
             if named is not None and (problem := self.driven_by(named[0])):
                 raise RobotBusy(f"{named[0]} does no skill now: {problem}")
+            if named is not None and (run := self.reserved_for(named[0], execution.space)):
+                raise RobotBusy(f"{named[0]} is reserved for the run {run}, which bridges carry")
             self._driver.execute(_of_driver(execution))
         except SkillError as error:
             status, said = error.ua_status, str(error)
@@ -449,7 +469,7 @@ class Actions:
                 self._failed(f"the skill {skill.name} cannot be offered: {error}", None)
                 return
         types, limits = type_codes(skill.request), skill.limits
-        spaces = None if limits.visible_to is None else frozenset(limits.visible_to)
+        spaces = None if limits.visible_to is None else frozenset((*limits.visible_to, self._space))
         for target in skill.targets:
             for purpose in controls:
                 self._responder.offer(

@@ -55,6 +55,7 @@ __all__ = [
     "NODE_ONLY",
     "ActionSide",
     "BridgeCore",
+    "CarrySide",
     "PublishIntoSpace",
     "Rule",
     "SendDatagram",
@@ -142,6 +143,43 @@ class SwitchSide(Protocol):
         ...
 
 
+class CarrySide(Protocol):
+    """What the core needs of who carries runs here: see `ua_fleet.carrier`."""
+
+    def begin(self, now: float) -> None:
+        """Announce the Action, and go on where the journal ends."""
+        ...
+
+    def takes(self, message: ActionMessage) -> bool:
+        """Whether an Action is for this: a word of a carried run, or the answer to one."""
+        ...
+
+    def receive(self, event: ActionReceived, now: float) -> None:
+        """Take it."""
+        ...
+
+    def hear(self, event: SubscriberEvent, now: float) -> None:
+        """Take what is heard of other spaces."""
+        ...
+
+    def own(self, datagram: bytes) -> None:
+        """Take what this bridge says to all."""
+        ...
+
+    def poll(self, now: float) -> None:
+        """Do what is due."""
+        ...
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None."""
+        ...
+
+    @property
+    def problem(self) -> str:
+        """What keeps runs from going on here; empty where nothing does."""
+        ...
+
+
 class BridgeCore:
     """One bridge between a space and PubSub."""
 
@@ -189,6 +227,8 @@ class BridgeCore:
         """The robots of this bridge that are driven by hand, where there are some."""
         self.switches: SwitchSide | None = None
         """Who disables and enables what is sent; without, nobody does."""
+        self.carrying: CarrySide | None = None
+        """Who carries runs here, where somebody does."""
         self.wants: Wants | None = None
         """What the server wants of this bridge, where that reads on demand."""
         self.stale: Callable[[Topic, bool], None] | None = None
@@ -297,6 +337,8 @@ class BridgeCore:
             self.actions.poll(now)
         if self.switches is not None:
             self.switches.poll(now)
+        if self.carrying is not None:
+            self.carrying.poll(now)
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""
@@ -305,7 +347,7 @@ class BridgeCore:
         stale_at = self.freshness.next_deadline()
         if stale_at is not None:
             due = stale_at if due is None else min(due, stale_at)
-        for commands in (self.actions, self.switches):
+        for commands in (self.actions, self.switches, self.carrying):
             at = None if commands is None else commands.next_deadline()
             if at is not None:
                 due = at if due is None else min(due, at)
@@ -345,6 +387,8 @@ class BridgeCore:
     def _hear(self, events: Iterable[SubscriberEvent], now: float) -> None:
         for event in events:
             try:
+                if self.carrying is not None:
+                    self.carrying.hear(event, now)
                 self._heard(event, now)
             except Exception as error:  # whatever a driver makes of one message, the others are behind it
                 if self.caught is None:
@@ -378,7 +422,9 @@ class BridgeCore:
                 self._node_only.discard(event.topic)
 
     def _action(self, event: ActionReceived, now: float) -> None:
-        if self.switches is not None and self.switches.takes(event.message):
+        if self.carrying is not None and self.carrying.takes(event.message):
+            self.carrying.receive(event, now)
+        elif self.switches is not None and self.switches.takes(event.message):
             self.switches.receive(event, now)
         elif self.teleoperation is not None and self.teleoperation.takes(event.message):
             self.teleoperation.receive(event, now)

@@ -1,4 +1,4 @@
-"""Actions of the server alone that a bridge does at once: a request in, an answer out. Pure.
+"""Actions that are no skills and that a bridge does at once: a request in, an answer out. Pure.
 
 They have no journal: what they do is done before they are answered, and a bridge that was restarted begins anew.
 """
@@ -48,6 +48,7 @@ class ImmediateActions:
         *,
         about: str,
         requestors: Iterable[int],
+        spaces: Iterable[int] = (SERVER_SPACE,),
         must_be_verified: bool,
         requests_at_once: int,
         send: Callable[[bytes], None],
@@ -65,7 +66,8 @@ class ImmediateActions:
             counters: of the bridge.
             do: does what is asked for.
             about: what the Actions are about, for who is told of a mistake.
-            requestors: spaces that may command this one; of these the server alone may ask for these.
+            requestors: spaces that may command this one.
+            spaces: those of them that may ask for these Actions.
             must_be_verified: whether keys are configured: unsigned requests are dropped then.
             requests_at_once: of each Action.
             send: sends a plain message to all.
@@ -78,6 +80,9 @@ class ImmediateActions:
         self._publisher, self._counters, self._do, self._about = publisher, counters, do, about
         self._send, self._send_to, self._wall_ticks, self._caught = send, send_to, wall_ticks, caught
         self._answer_address, self._requests_at_once = answers, requests_at_once
+        self._spaces = frozenset(spaces)
+        self.asked_by = SERVER_SPACE
+        """The space of whoever asks for what is being done."""
         self._responder = ActionResponder(
             space,
             MemoryJournal(),
@@ -109,7 +114,7 @@ class ImmediateActions:
                 version=fields_version(request, response),
                 immediate=True,
                 requests_at_once=self._requests_at_once,
-                spaces=frozenset({SERVER_SPACE}),
+                spaces=self._spaces,
             )
         )
 
@@ -144,6 +149,7 @@ class ImmediateActions:
         """Do what was asked for; what there is to say of it."""
         responder, execution_id = self._responder, execution.execution_id
         values = [variant.value for variant in unpack(execution.content)]
+        self.asked_by = execution.space
         try:
             result = self._do(execution.target.data_set_writer_id, values, now)
         except UaFleetError as error:

@@ -19,6 +19,7 @@ from typing import Any, Final
 import structlog
 
 from ua_fleet.bridge.actions import Actions
+from ua_fleet.bridge.carry import CarryFactory, CarryGround
 from ua_fleet.bridge.configured import every_data_set
 from ua_fleet.bridge.core import BridgeCore, Rule
 from ua_fleet.bridge.driver import (
@@ -95,6 +96,7 @@ class _Shell:
         rule: Rule,
         sent: Sent | None,
         mistakes: Mistakes,
+        carry: CarryFactory | None,
     ) -> None:
         self.mistakes = mistakes
         self._loop = asyncio.get_running_loop()
@@ -161,7 +163,7 @@ class _Shell:
             for each in self.connections.all
         ]
         self._sender = Sender(self.connections, paced, self.counters)
-        send = self._sender.send
+        send = self._sender.send if carry is None else self._send_and_tell
         self._core = BridgeCore(
             space,
             publisher,
@@ -187,7 +189,7 @@ class _Shell:
             must_be_verified=self.connections.must_be_verified,
             core=self._core,
             send=send,
-            send_to=send,
+            send_to=self._sender.send,
             wall_ticks=_wall_ticks,
             failed=self.failed,
             followed=ExecutionLog(self._log).take,
@@ -206,7 +208,7 @@ class _Shell:
             requestors=self._bridge.requestors,
             must_be_verified=self.connections.must_be_verified,
             send=send,
-            send_to=send,
+            send_to=self._sender.send,
             wall_ticks=_wall_ticks,
             hear=self._core.hear,
             told=self._switched,
@@ -216,6 +218,25 @@ class _Shell:
             limits=limits_of(self.connections),
         )
         self._actions.rival = self._not_now
+        if carry is not None:
+            self._core.carrying = carry(
+                CarryGround(
+                    publisher,
+                    self._subscriber,
+                    self._core,
+                    self._actions,
+                    self.counters,
+                    mistakes,
+                    self._loop,
+                    send=self._sender.send,
+                    send_to=self._sender.send,
+                    wall_ticks=_wall_ticks,
+                    sooner=self._arm,
+                    must_be_verified=self.connections.must_be_verified,
+                    answers=self.connections.answer_address,
+                    limits=limits_of(self.connections),
+                )
+            )
         self.teleoperation = self._driven(config, state_dir, publisher)
         if self.connections.know_themselves:
             is_own = self.connections.is_own
@@ -293,6 +314,8 @@ class _Shell:
         self._status_at = now
         self._switches.begin(now)
         self._actions.begin(now)
+        if self._core.carrying is not None:
+            self._core.carrying.begin(now)
         if self.teleoperation is not None:
             self.teleoperation.begin(now)
         self.inlet.open()
@@ -315,6 +338,12 @@ class _Shell:
             self.mistakes.caught("datagrams", error, client=f"{sender[0]}:{sender[1]}")
         if self._subscriber.is_nearer:
             self._arm()
+
+    def _send_and_tell(self, datagram: bytes) -> None:
+        """Send to all, and tell who carries runs here: nobody hears a bridge itself."""
+        self._sender.send(datagram)
+        if self._core.carrying is not None:
+            self._core.carrying.own(datagram)
 
     def failed(self, text: str, error: BaseException | None) -> None:
         """Log what went wrong, with the traceback where there is an exception, which is a mistake then."""
@@ -387,6 +416,8 @@ class _Shell:
             self.over.set_exception(DriverFailed(f"bridge {self._name}: {' '.join(status.detail.split())}"))
         if problem := self.envelopes.problem or self.keys.problem() or self._actions.problem:
             status = replace(status, detail=f"{status.detail}; {problem}")
+        if self._core.carrying is not None and (waits := self._core.carrying.problem):
+            status = replace(status, detail=f"{status.detail}; {waits}")
         if rival := self._rival.problem(now):
             status = replace(status, detail=f"{status.detail}; {rival}")
             if self._rival.is_due(now):
@@ -431,6 +462,7 @@ async def run_bridge(
     rule: Rule = loop_verdict,
     sent: Sent | None = None,
     monitor: Monitor | None = None,
+    carry: CarryFactory | None = None,
 ) -> None:
     """Run a bridge until cancelled; then the driver has left its space and the transport is closed.
 
@@ -446,6 +478,7 @@ async def run_bridge(
         rule: the loop rule; only a test puts another one in its place.
         sent: told of each message that is sent, with its bytes on the wire.
         monitor: tells of the bridge.
+        carry: makes who carries runs in it; without, it takes no part of any.
 
     Raises:
         ConfigError: no key source is configured, or what stands in `state_dir` cannot be used.
@@ -461,7 +494,7 @@ async def run_bridge(
             journal = cleanup.enter_context(SqliteJournal(state_dir / JOURNAL))
         mistakes = monitor.mistakes if monitor is not None else Mistakes()
         shell = _Shell(
-            config, bridge_name, driver, transport, state_dir, journal or MemoryJournal(), rule, sent, mistakes
+            config, bridge_name, driver, transport, state_dir, journal or MemoryJournal(), rule, sent, mistakes, carry
         )
         cleanup.push_async_callback(shell.connections.close)
         cleanup.push_async_callback(driver.stop)

@@ -41,6 +41,7 @@ def bridge(
     set_up_logging(process="bridge", bridge=name)
     from ua_fleet.bridge.registry import load_driver
     from ua_fleet.bridge.runner import run_bridge
+    from ua_fleet.carrier import carrier_of
     from ua_fleet.config.teleoperation import setpoint_heads
     from ua_fleet.config.transports import open_transports
     from ua_fleet.monitoring import ProcessKind
@@ -55,6 +56,7 @@ def bridge(
     state_dir = config.resolve().parent / fleet.state_dir_of(name)
     source = key_source_of(fleet, name, config.resolve().parent, state_dir)
     driver = load_driver(fleet, name)
+    carry = carrier_of(fleet, name, state_dir) if driver.has_skills else None
 
     def ready() -> None:
         if as_json:
@@ -84,6 +86,7 @@ def bridge(
                 rule=rule_for(without_loop_rule),
                 sent=sent,
                 monitor=monitor,
+                carry=carry,
             )
 
     message(f"bridge {name} ({fleet.bridges[name].kind}, space {fleet.bridges[name].space}); end it with Ctrl-C")

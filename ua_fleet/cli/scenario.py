@@ -99,6 +99,9 @@ def show(
 def validate(
     connection: ConnectionOptions,
     scenario: ScenarioName,
+    carried: Annotated[
+        bool, typer.Option("--carried", help="Say also what keeps bridges from carrying a run of it.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Check a scenario against the server's fleet, and print all its problems.
@@ -108,7 +111,7 @@ def validate(
     text = _given(scenario)
 
     async def work(scenarios: ScenarioClient) -> None:
-        problems = await scenarios.validate(text)
+        problems = await scenarios.validate(text, carried=carried)
         if as_json:
             for problem in problems:
                 print_json(asdict(problem))
@@ -128,6 +131,9 @@ def run(
     connection: ConnectionOptions,
     scenario: ScenarioName,
     parameters: Annotated[list[str] | None, typer.Argument(help="Parameters as name=value.")] = None,
+    carried: Annotated[
+        bool, typer.Option("--carried", help="Have the bridges carry the run, which then needs no server.")
+    ] = False,
     wait: Annotated[bool, typer.Option("--wait", help="Print what happens until the run has ended.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -138,7 +144,7 @@ def run(
     text, given = _given(scenario), dict(_parameter(one) for one in parameters or ())
 
     async def work(scenarios: ScenarioClient) -> None:
-        run_id = await scenarios.run(text, given)
+        run_id = await scenarios.run(text, given, carried=carried)
         if as_json:
             print_json({"run_id": run_id})
         else:

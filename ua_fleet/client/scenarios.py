@@ -182,9 +182,13 @@ class ScenarioClient:
         names, descriptions, problems = await self._call("Scenarios", "List")
         return [ScenarioInfo(*row) for row in zip(names, descriptions, problems, strict=True)]
 
-    async def validate(self, scenario: str) -> list[Problem]:
-        """What is wrong with a scenario, given by its name or as a text."""
-        _, texts, lines = await self._call("Scenarios", "Validate", text(scenario))
+    async def validate(self, scenario: str, *, carried: bool = False) -> list[Problem]:
+        """What is wrong with a scenario, given by its name or as a text.
+
+        With `carried` also what keeps bridges from carrying a run of it.
+        """
+        method = "ValidateCarried" if carried else "Validate"
+        _, texts, lines = await self._call("Scenarios", method, text(scenario))
         return [Problem(line, text) for line, text in zip(lines, texts, strict=True)]
 
     async def text(self, name: str) -> tuple[str, str]:
@@ -212,11 +216,11 @@ class ScenarioClient:
         """Remove a scenario of the server's folder; NotDone where somebody has changed it since it was read."""
         await self._call("Scenarios", "Delete", text(name), text(version))
 
-    async def run(self, scenario: str, parameters: Mapping[str, str] | None = None) -> str:
-        """Start a run; its id."""
+    async def run(self, scenario: str, parameters: Mapping[str, str] | None = None, *, carried: bool = False) -> str:
+        """Start a run; its id. With `carried` bridges carry it, and the server only follows."""
         given = parameters or {}
         names, values = texts(list(given)), texts(list(given.values()))
-        (run_id,) = await self._call("Scenarios", "Run", text(scenario), names, values)
+        (run_id,) = await self._call("Scenarios", "RunCarried" if carried else "Run", text(scenario), names, values)
         return str(run_id)
 
     async def dry_run(

@@ -36,6 +36,7 @@ from ua_fleet.nodes.method_factory import (
 from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.scenario_nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes, ranking_values
 from ua_fleet.nodes.scenario_view import ScenarioView
+from ua_fleet.operation.runs.carried import CarriedRuns
 from ua_fleet.operation.runs.library import MOST_BYTES, ScenarioUnknown, version_of
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.orchestrator import FaultForecast
@@ -100,6 +101,7 @@ class ScenarioMethods:
         nodes: ScenarioNodes,
         view: ScenarioView,
         service: ScenarioService,
+        carried: CarriedRuns,
     ) -> None:
         """Prepare to answer; `build` makes the Methods.
 
@@ -109,8 +111,10 @@ class ScenarioMethods:
             nodes: with the objects that have them.
             view: of runs and faults.
             service: does what is asked for.
+            carried: does it for runs that bridges carry.
         """
         self._server, self._nodes, self._view, self._service = server, nodes, view, service
+        self._carried = carried
         self._methods = MethodFactory(server, parts, _code_of)
         self._background = Places()
         """Of what computes for long, one for each user."""
@@ -263,20 +267,24 @@ class ScenarioMethods:
         valid = await self._aside(self._service.valid, _short(scenario, MOST_BYTES))
         return (self._service.start(valid, names, values, caller().name),)
 
+    def _of(self, run_id: str) -> CarriedRuns | ScenarioService:
+        """Who has a run."""
+        return self._carried if self._carried.has(run_id) else self._service
+
     async def _pause(self, run_id: str) -> Sequence[Any]:
-        self._service.pause(run_id, caller().name)
+        self._of(run_id).pause(run_id, caller().name)
         return ()
 
     async def _resume(self, run_id: str) -> Sequence[Any]:
-        self._service.resume(run_id, caller().name)
+        self._of(run_id).resume(run_id, caller().name)
         return ()
 
     async def _abort(self, run_id: str, reason: str) -> Sequence[Any]:
-        self._service.abort(run_id, reason, caller().name)
+        self._of(run_id).abort(run_id, reason, caller().name)
         return ()
 
     async def _answer(self, run_id: str, step: str, answer: str) -> Sequence[Any]:
-        self._service.answer(run_id, step, answer, caller().name)
+        self._of(run_id).answer(run_id, step, answer, caller().name)
         return ()
 
     async def _dry_run(

@@ -19,6 +19,7 @@ __all__ = [
     "Replaced",
     "ReplacementWanted",
     "RobotReturned",
+    "RunCarried",
     "RunClosing",
     "RunCreated",
     "RunEnded",
@@ -101,6 +102,17 @@ class RunCreated:
     text: str
     parameters: Mapping[str, Value] = field(default_factory=dict[str, Value])
     by: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RunCarried:
+    """Bridges carry the run; the server gives each its part, begins it, and follows. The second fact of such a run."""
+
+    at: float
+    spaces: Sequence[int]
+    """Of the bridges."""
+    plan_hash: str
+    """In hexadecimal digits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,6 +303,7 @@ class RunEnded:
 
 Fact = (
     RunCreated
+    | RunCarried
     | StepStarted
     | BranchTaken
     | IterationStarted

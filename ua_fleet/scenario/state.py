@@ -16,6 +16,7 @@ from ua_fleet.scenario.facts import (
     Replaced,
     ReplacementWanted,
     RobotReturned,
+    RunCarried,
     RunClosing,
     RunCreated,
     RunEnded,
@@ -134,6 +135,8 @@ class RunState:
     first_failure: str = ""
     paused: bool = False
     closing: RunClosing | None = None
+    carried: tuple[int, ...] = ()
+    """The spaces of the bridges that carry the run; none: the server does it."""
     outcome: RunOutcome | None = None
     reason: str = ""
 
@@ -173,6 +176,8 @@ class RunState:
         match fact:
             case RunCreated():
                 self.run_id, self.parameters, self.by = fact.run_id, dict(fact.parameters), fact.by
+            case RunCarried():
+                self.carried = tuple(fact.spaces)
             case StepStarted():
                 self.started[fact.step] = fact.at
             case BranchTaken():

@@ -37,6 +37,7 @@ from ua_fleet.nodes.wanted_data import WantedData
 from ua_fleet.operation.robots.offers import ClientOffers
 from ua_fleet.operation.robots.roster import RobotRegistry
 from ua_fleet.operation.runs.activity import RobotActivities
+from ua_fleet.operation.runs.carried import CarriedRuns
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.skills.router import SkillRouter
 from ua_fleet.operation.skills.tracker import SkillChange, SkillTransitioned
@@ -129,7 +130,7 @@ class Assembly:
         offers = make_offers(self._hub, given.records.executions)
         requests = SkillRouter(self.ground.skills, offers)
         methods = self._make_methods(requests)
-        self._scenarios = self._make_scenarios(requests)
+        self._scenarios, self._carried = self._make_scenarios(requests)
         connect_roster(
             given.roster,
             offers,
@@ -254,7 +255,7 @@ class Assembly:
             methods.add(robot)
         return methods
 
-    def _make_scenarios(self, requests: SkillRouter) -> ScenarioService:
+    def _make_scenarios(self, requests: SkillRouter) -> tuple[ScenarioService, CarriedRuns]:
         return make_scenarios(
             self._config,
             self._given.model,
@@ -269,6 +270,7 @@ class Assembly:
             requests,
             self._run_log,
             self._activities,
+            must_be_verified=self._pubsub.connections.must_be_verified,
         )
 
     def _make_hub(self, offers: ClientOffers) -> Hub:
@@ -288,6 +290,7 @@ class Assembly:
             model=self._make_model(),
             namespace=self.namespace or NoNamespace(),
             history=self._history,
+            carried=self._carried,
             timed=self._make_timed(offers),
         )
         return Hub(

@@ -27,12 +27,14 @@ from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 from ua_fleet.wire.messages import FieldMetaData
 
 __all__ = [
+    "CarriedPart",
     "Clock",
     "Clocked",
     "Ground",
     "HistoryPart",
     "ModelPart",
     "NamespacePart",
+    "NoCarried",
     "NoHistory",
     "NoModel",
     "NoNamespace",
@@ -260,6 +262,26 @@ class HistoryPart(TimedPart, Protocol):
         return
 
 
+class CarriedPart(TimedPart, Protocol):
+    """Runs that bridges carry: see `operation.runs.carried`."""
+
+    def follow(self, event: SubscriberEvent) -> None:
+        """Take what robots say."""
+        return
+
+    def announced(self, announcement: ActionMetaDataAnnouncement) -> None:
+        """Learn of an Action."""
+        return
+
+    def receive(self, event: ActionReceived, now: float) -> None:
+        """Take responses."""
+        return
+
+
+class NoCarried(CarriedPart):
+    """No bridge carries runs."""
+
+
 class NoHistory(HistoryPart):
     """Nothing is kept."""
 
@@ -324,5 +346,6 @@ class Parts:
     model: ModelPart = field(default_factory=NoModel)
     namespace: NamespacePart = field(default_factory=NoNamespace)
     history: HistoryPart = field(default_factory=NoHistory)
+    carried: CarriedPart = field(default_factory=NoCarried)
     timed: Mapping[str, TimedPart] = field(default_factory=dict[str, TimedPart])
     """Others, by the names under which their mistakes are counted."""

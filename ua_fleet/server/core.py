@@ -96,7 +96,7 @@ class ServerCore:
         self._nodes, self._runs, self._teleoperation = parts.nodes, parts.runs, parts.teleoperation
         self._registry, self._wanted, self._model = parts.registry, parts.wanted, parts.model
         self._namespace = parts.namespace
-        self._history = parts.history
+        self._history, self._carried = parts.history, parts.carried
         self._coalescer = Coalescer(analog_rate_hz)
         self._tick_s, self._each_second, self._events = tick_s, each_second, events
         self._counters = ground.counters
@@ -124,6 +124,7 @@ class ServerCore:
                 ("teleoperation", self._teleoperation.poll, lambda _: self._teleoperation.next_deadline()),
                 ("WantedData", wanted.poll, wanted.next_deadline),
                 ("PubSub model", self._model.poll, self._model.next_deadline),
+                ("carried runs", self._carried.poll, self._carried.next_deadline),
                 ("history", self._history.poll, self._history.next_deadline),
                 *[(name, part.poll, part.next_deadline) for name, part in parts.timed.items()],
             ],
@@ -281,10 +282,12 @@ class ServerCore:
             self._skills.receive(event, now)
             self._teleoperation.receive(event, now)
             self._model.receive(event, now)
+            self._carried.receive(event, now)
         elif isinstance(event, AnnouncementReceived):
             if isinstance(event.announcement, ActionMetaDataAnnouncement):
                 self._skills.announced(event.announcement)
                 self._teleoperation.announced(event.announcement)
+                self._carried.announced(event.announcement)
             self._model.follow(event)
 
     def _look_for_robot(self, event: MetaDataReceived) -> None:
@@ -310,6 +313,7 @@ class ServerCore:
             except Exception as error:  # noqa: BLE001 - who drives by hand is told all the same
                 self._mistakes.caught("scenarios", error, topic=event.topic.name)
         self._teleoperation.follow(event)
+        self._carried.follow(event)
 
     def _take(self, changes: Iterable[Change], now: float) -> None:
         for value in self._values(changes, now):

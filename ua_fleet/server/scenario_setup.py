@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import structlog
@@ -14,6 +15,7 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.fleet.model import FleetModel
 from ua_fleet.nodes.address_space import FleetNodes
+from ua_fleet.nodes.carried_methods import CarriedMethods
 from ua_fleet.nodes.events import ServerEvents
 from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.place_nodes import add_places, places_of
@@ -24,14 +26,17 @@ from ua_fleet.nodes.scenario_methods import ScenarioMethods
 from ua_fleet.nodes.scenario_nodes import ScenarioNodes
 from ua_fleet.nodes.scenario_view import ScenarioView
 from ua_fleet.operation.runs.activity import RobotActivities
+from ua_fleet.operation.runs.carried import CarriedRuns
 from ua_fleet.operation.runs.clock import steady
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.runs.task_calls import Requests
+from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.orchestrator import Output, RunChanged
 from ua_fleet.server.attached import Ground
 from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.run_log import RunLog
 from ua_fleet.server.timer import Timer
+from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.storage.run_journal import RunJournal
 
 __all__ = ["make_scenarios"]
@@ -51,8 +56,10 @@ def make_scenarios(
     requests: Requests,
     log: RunLog,
     activities: RobotActivities,
-) -> ScenarioService:
-    """Let a server run scenarios; it is not started yet.
+    *,
+    must_be_verified: bool,
+) -> tuple[ScenarioService, CarriedRuns]:
+    """Let a server run scenarios, and have bridges carry them; it is not started yet.
 
     Args:
         config: the fleet's.
@@ -68,6 +75,7 @@ def make_scenarios(
         requests: asks robots.
         log: is told of everything that happens.
         activities: are, too.
+        must_be_verified: only signed responses of bridges are taken.
 
     Raises:
         StorageUnavailable: the journal cannot be read.
@@ -111,6 +119,29 @@ def make_scenarios(
     view.restored(records, service.holds)
     activities.restored(records, service.holds)
     view.show_settings(service.settings)
-    ScenarioMethods(server, parts, nodes, view, service).build()
+    log_of_runs = structlog.get_logger("ua_fleet.scenarios")
+    carried = CarriedRuns(
+        config,
+        service,
+        partial(
+            SkillCommands,
+            MemoryJournal(),
+            send=ground.send,
+            want=ground.subscriber.want_action,
+            sooner=timer.sooner,
+            wall_ticks=wall_ticks,
+            must_be_verified=must_be_verified,
+            clock=clock,
+            log=log_of_runs,
+        ),
+        reserve=service.driven,
+        sooner=timer.sooner,
+        clock=clock,
+        wall_s=steady(clock, time.time),
+        mistakes=ground.mistakes,
+        log=log_of_runs,
+    )
+    ScenarioMethods(server, parts, nodes, view, service, carried).build()
+    CarriedMethods(server, parts, service, carried)
     RobotMethods(server, parts, service.holds)
-    return service
+    return service, carried

@@ -10,6 +10,8 @@
     probe that looks for applications                                     registration
     any other probe                                                       metadata
     Action request, Action response, again or not                         request, response
+        of CarryRun: part, token, end of a run                            token
+        of CarryRun: what the server asks of a run                        telemetry
     frame whose Timestamp is not new                                      repeat
     keep-alive, or key frame without fields                               keep_alive
     frame with Bad_NoCommunication: the source has gone                   fault
@@ -30,6 +32,7 @@ from enum import StrEnum
 from typing import Any, Final, NamedTuple
 
 from ua_fleet.errors import RemoteWireError
+from ua_fleet.pubsub.carry_action import CARRY_ID, Word
 from ua_fleet.skill.executions import ExecutionState
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS
 from ua_fleet.topics import Topic
@@ -142,7 +145,7 @@ class Traffic:
         if isinstance(message, NetworkMessage):
             kinds = [self._data_kind(message, part) for part in message.messages]
         elif isinstance(message, ActionMessage):
-            kinds = [MessageKind.REQUEST if message.is_request else MessageKind.RESPONSE] * (1 + len(message.others))
+            kinds = [self._action_kind(message)] * (1 + len(message.others))
         elif isinstance(message, Probe):
             kinds = [MessageKind.REGISTRATION if message.kind == ProbeKind.FIND_APPLICATIONS else MessageKind.METADATA]
         else:
@@ -152,6 +155,16 @@ class Traffic:
             for number, kind in enumerate(kinds):
                 self.record(kind, share + (rest if number == 0 else 0), now)
         return kinds
+
+    def _action_kind(self, message: ActionMessage) -> MessageKind:
+        if message.data_set_writer_id != CARRY_ID:
+            return MessageKind.REQUEST if message.is_request else MessageKind.RESPONSE
+        key = ("carried", message.correlation_data)
+        if message.is_request and message.values:
+            is_watching = message.values[0] in (Word.FETCH, Word.ANSWER)
+            self._said[key] = MessageKind.TELEMETRY if is_watching else MessageKind.TOKEN
+        kind: MessageKind = self._said.get(key, MessageKind.TOKEN)
+        return kind
 
     def record(self, kind: MessageKind, size: int, now: float) -> None:
         """Count a message of a kind that the caller knows."""

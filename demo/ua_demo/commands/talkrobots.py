@@ -24,6 +24,7 @@ from ua_demo.commands.run_messages import (
     tell_how_to_connect,
     tell_result,
 )
+from ua_fleet.cli.endings import UsageError
 from ua_fleet.cli.output import message, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.errors import BridgeUnavailable
@@ -47,6 +48,7 @@ class Mode(StrEnum):
     """How tasks come to robots."""
 
     ORCHESTRATED = "orchestrated"
+    CARRIED = "carried"
 
 
 class Resilience(StrEnum):
@@ -59,7 +61,12 @@ class Resilience(StrEnum):
 def talkrobots(
     once: Annotated[bool, typer.Option("--once", help="End when the nine tasks are over.")] = False,
     speed: Annotated[float, typer.Option(help="Speed relative to the paper.", min=0.1, max=20)] = 1.0,
-    mode: Annotated[Mode, typer.Option(help="orchestrated: the server hands out the tasks.")] = Mode.ORCHESTRATED,
+    mode: Annotated[
+        Mode,
+        typer.Option(
+            help="orchestrated: the server hands out the tasks; carried: bridges do (--resilience automatic)."
+        ),
+    ] = Mode.ORCHESTRATED,
     resilience: Annotated[
         Resilience, typer.Option(help="Who chooses the robot that takes over: the best one at once, or a person.")
     ] = Resilience.OPERATOR,
@@ -94,6 +101,9 @@ def talkrobots(
         raise BridgeUnavailable(f"the demonstration cannot run: {error}", extra="server") from error
     chooser: Literal["automatic", "operator"] = "automatic" if resilience is Resilience.AUTOMATIC else "operator"
     check_broker(broker, pubsub_url)
+    is_carried = mode is Mode.CARRIED
+    if is_carried and resilience is Resilience.OPERATOR:
+        raise UsageError("bridges ask nobody who takes over; add `--resilience automatic`")
     ends: list[DemoResult] = []
     write_report = report_writer(json_file)
 
@@ -113,7 +123,9 @@ def talkrobots(
             with_broker=broker,
         )
         limit_s = UNATTENDED_S if once and not sys.stdin.isatty() else PATIENCE_S
-        setting = make_setting(site, domains=domains, speed=speed, mode=chooser, limit_s=limit_s, say=message)
+        setting = make_setting(
+            site, domains=domains, speed=speed, mode=chooser, limit_s=limit_s, is_carried=is_carried, say=message
+        )
         message("starting the server, seven bridges and the robots' programs (some seconds)")
 
         def started() -> None:

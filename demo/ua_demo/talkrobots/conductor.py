@@ -57,6 +57,7 @@ class Conductor:
         remedy: str = "",
         scenario: str = SCENARIO,
         tasks: int = TASKS,
+        is_carried: bool = False,
     ) -> None:
         """Prepare for any number of connections.
 
@@ -76,8 +77,9 @@ class Conductor:
             remedy: what people are told to do after that.
             scenario: its name on the server.
             tasks: how many it has.
+            is_carried: whether bridges carry the run.
         """
-        self._scenario, self._tasks = scenario, tasks
+        self._scenario, self._tasks, self._is_carried = scenario, tasks, is_carried
         self._config, self._speed, self._mode, self._traffic = config, speed, mode, traffic
         self._say, self._check = say, check
         self._started, self._finished = started, finished
@@ -165,10 +167,10 @@ class Conductor:
                 self._chooser.choose(decision.decision_id, decision.robots, scenarios, tasks)
 
     async def _start(self, scenarios: ScenarioClient) -> None:
-        problems = await scenarios.validate(self._scenario)
+        problems = await scenarios.validate(self._scenario, carried=self._is_carried)
         if problems:
             raise DemoFailed(f"{self._scenario}: " + "; ".join(problem.text for problem in problems))
-        self._course = self._new_course(await scenarios.run(self._scenario))
+        self._course = self._new_course(await scenarios.run(self._scenario, carried=self._is_carried))
         if self._mode == "automatic":
             self._deadline = time.monotonic() + RUN_TIMEOUT_S / self._speed
 

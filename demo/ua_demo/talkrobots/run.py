@@ -100,6 +100,7 @@ async def run_talkrobots(
             runs=not wait,
             patience_s=START_TIMEOUT_S,
             remedy=f"see the logs in {log}",
+            is_carried=setting.is_carried,
         )
         async with hall.launch.connect() as client:
             await conductor.follow(client, stay=stay)

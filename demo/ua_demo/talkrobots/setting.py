@@ -152,6 +152,8 @@ class Setting:
     """Of each actor."""
     places: dict[str, str]
     """Where each actor is found that does not speak ROS: a TCP port, an address, or the file of a serial port."""
+    is_carried: bool = False
+    """Whether bridges carry the run."""
 
     @property
     def has_ros1(self) -> bool:
@@ -186,6 +188,7 @@ def make_setting(
     speed: float,
     mode: Mode,
     limit_s: float = PATIENCE_S,
+    is_carried: bool = False,
     say: Callable[[str], None],
 ) -> Setting:
     """Write `fleet.yaml` and the scenario, and say what differs from what a reader expects.
@@ -199,6 +202,7 @@ def make_setting(
         speed: how many times faster than in the paper.
         mode: who chooses a replacement.
         limit_s: how long an operator may take for it; then the best candidate takes over.
+        is_carried: whether bridges carry the run.
         say: prints a line for people.
     """
     free, vendor = iter(domains), count(_FIRST_VENDOR_SPACE)
@@ -208,10 +212,12 @@ def make_setting(
         spaces |= {actor.name: 1 for actor in ACTORS if actor.kind is Kind.ROS1}
     else:
         say(f"without ROS 1, {site.why_without_ros1}: Ridgeback runs in ROS 2 domain {spaces['ridgeback']}")
-    setting = Setting(site, speed, mode, spaces, places)
+    setting = Setting(site, speed, mode, spaces, places, is_carried)
     hosts = {actor.name: places[actor.name] if actor.kind is Kind.UR else _LOOPBACK for actor in ACTORS}
     layout = site.layout("talkrobots")
-    site.write_config(fleet_text(layout, spaces, hosts, places, speed=speed, mode=mode, limit_s=limit_s))
+    site.write_config(
+        fleet_text(layout, spaces, hosts, places, speed=speed, mode=mode, limit_s=limit_s, is_carried=is_carried)
+    )
     _forget_runs(site.folder / "state")
     scenarios = site.folder / "scenarios"
     scenarios.mkdir(exist_ok=True)
@@ -228,6 +234,7 @@ def fleet_text(
     speed: float,
     mode: Mode,
     limit_s: float,
+    is_carried: bool = False,
 ) -> str:
     """The `fleet.yaml`.
 
@@ -239,6 +246,7 @@ def fleet_text(
         speed: how many times faster than in the paper.
         mode: who chooses a replacement.
         limit_s: how long an operator may take for it.
+        is_carried: whether bridges carry the run.
     """
     is_ros1 = spaces["ridgeback"] == 1
     master = f'kind: ros1, space: 1, master_uri: "{layout.master_uri}", host_ip: {layout.ros1_host_ip}'
@@ -258,6 +266,8 @@ def fleet_text(
         timeout_s=TIMEOUT_S / min(speed, 1.0),
         mode=mode,
         limit_s=limit_s,
+        # Carried: each bridge may hand each other one a token, or ask for its robot in place of one that has failed.
+        requestors=[0, *sorted(set(spaces.values()))] if is_carried else [0],
     )
 
 

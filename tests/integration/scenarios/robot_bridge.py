@@ -18,6 +18,7 @@ from tests.contract.skilled import Machine
 from tests.contract.virtual import Bus
 from tests.integration.scenarios.machines import RobotDriver, tell_values
 from ua_fleet.bridge.runner import run_bridge
+from ua_fleet.carrier import carrier_of
 from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.transports import open_transport
@@ -39,7 +40,16 @@ async def main(path: Path, robot: str, machine: Path) -> int:
             ready = partial(print, "ready", flush=True)
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(tell_values(config, robot, bus, controller))
-                await run_bridge(config, name, driver, transport, state_dir=state_dir, keys=keys, ready=ready)
+                await run_bridge(
+                    config,
+                    name,
+                    driver,
+                    transport,
+                    state_dir=state_dir,
+                    keys=keys,
+                    ready=ready,
+                    carry=carrier_of(config, name, state_dir),
+                )
 
     running = asyncio.ensure_future(bridged())
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, running.cancel)

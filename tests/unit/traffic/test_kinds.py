@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import pytest
 
 from ua_fleet.counters import Counters
+from ua_fleet.pubsub.carry_action import CARRY_ID, Word
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.timing import PubSubTiming
@@ -156,3 +157,31 @@ def test_what_nobody_can_read_is_counted_apart() -> None:
     assert traffic.take(b"\xff\xff\xff", 3, 0.0) == []
     assert traffic.unreadable == 1
     assert not traffic.messages
+
+
+def test_words_of_carried_runs_are_tokens_and_what_the_server_asks_is_telemetry() -> None:
+    traffic = Traffic()
+
+    def said(word: int | None, *, is_request: bool = True, key: bytes = b"k" * 16) -> list[MessageKind]:
+        types = (int(BuiltinType.BYTE), int(BuiltinType.BYTE_STRING)) if word is not None else ()
+        values = (word, b"content") if word is not None else ()
+        message = ActionMessage(
+            300,
+            2,
+            CARRY_ID,
+            1,
+            1,
+            ActionState.EXECUTING if word is not None else ActionState.IDLE,
+            is_request=is_request,
+            requestor_id="0.carried",
+            correlation_data=key,
+            types=types,
+            values=values,
+        )
+        return traffic.take(encode_action(message), 100, 0.0)
+
+    for word in (Word.PART, Word.TOKEN, Word.END):
+        assert said(word, key=bytes([word] * 16)) == [MessageKind.TOKEN]
+    assert said(Word.FETCH) == [MessageKind.TELEMETRY]
+    assert said(None) == said(None, is_request=False) == [MessageKind.TELEMETRY]
+    assert said(None, is_request=False, key=bytes([Word.TOKEN] * 16)) == [MessageKind.TOKEN]

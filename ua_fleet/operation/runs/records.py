@@ -72,6 +72,8 @@ class RunRecord:
         self._messages: dict[str, str] = {}
         self._times: dict[str, tuple[float, float | None]] = {}
         """When the last attempt at each task began and ended."""
+        self._bridges = ""
+        """What the bridges that carry it do not say or hand over, for people."""
         self._waiting: dict[str, TaskWaits] = {}
         """Why tasks cannot begin now."""
         self._decisions: dict[str, str] = {}
@@ -127,7 +129,10 @@ class RunRecord:
             self._times[step] = begun, at
 
     def show_waiting(self, waits: TaskWaits) -> None:
-        """Know why a task cannot begin now."""
+        """Know why a task cannot begin now; of no step: why bridges that carry the run do not go on."""
+        if not waits.step:
+            self._bridges = waits.reason
+            return
         self._waiting.pop(waits.step, None)
         if waits.reason and waits.step not in self.state.ended:
             self._waiting[waits.step] = waits
@@ -145,6 +150,7 @@ class RunRecord:
         if self.state.outcome is not None:
             return self.state.reason
         said = [self.state.closing.reason] if self.state.closing is not None else []
+        said += [self._bridges] if self._bridges else []
         said += self._decisions.values()
         said += [f"task {waits.task} waits: {waits.reason}" for waits in self._waiting.values()]
         said += [

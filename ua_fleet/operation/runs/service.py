@@ -50,19 +50,21 @@ from ua_fleet.orchestrator import (
     TaskCancelled,
     TaskFollowed,
     TaskStarted,
+    TaskWaiting,
 )
 from ua_fleet.orchestrator.dry_run import DryRun, dry_run
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.resilience import Confirmation, Judgements, Ranking
 from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.consequences import NOT_HALTED, SILENT
+from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, NodeId, Quality, quality_of
 
-__all__ = ["ScenarioService", "TooManyRuns"]
+__all__ = ["ScenarioService", "TooManyRuns", "new_run_id"]
 
 COALESCE_S: Final = 0.1
 """Numbers are looked at so often at most; a Boolean at once."""
@@ -70,6 +72,12 @@ NEWS_PAUSE_S: Final = 0.01
 """News of robots that follow others sooner wait for the next turn, and are taken in together."""
 MOST_NAME: Final = 200
 """Characters of a reason or a name that people give."""
+
+
+def new_run_id(now: float) -> str:
+    """An id that is never used twice, since execution ids follow from it; `now` by the wall clock."""
+    stamp = datetime.fromtimestamp(now, UTC).strftime("%Y%m%d-%H%M%S")
+    return f"{stamp}-{secrets.token_hex(3)}"
 
 
 class TooManyRuns(ScenarioError):
@@ -164,6 +172,8 @@ class ScenarioService:
         self.holds = RobotHolds(self._orchestrator, self._carrier.do, self._robot_now, wall_s)
         self._news: list[FaultFound] = []
         """What became known of robots, and nothing has followed from yet."""
+        self.carried: list[RunRecord] = []
+        """Runs of the journal that bridges carry, and that have not ended."""
         self._has_fleet_changed = False
         self._moved: dict[Topic, bool] = {}
         """Likewise each SkillStatus that says something else of what its robot is at, or says nothing any more; and
@@ -233,7 +243,9 @@ class ScenarioService:
         for run_id, ended in self._journal.runs():
             facts = self._journal.facts(run_id)
             record = RunRecord.of(run_id, facts)
-            if not ended:
+            if not ended and record.state.carried:
+                self.carried.append(record)
+            elif not ended:
                 scenario = scenario_to_go_on(record, facts, self.check, self._journal, log=self._log, now=now)
                 if scenario is not None:
                     stored.append((run_id, scenario, facts))
@@ -257,6 +269,44 @@ class ScenarioService:
     def go_on(self) -> None:
         """Carry out what follows from `restore`; the records are shown."""
         self._do([])
+
+    # Runs that bridges carry: see `carried`.
+
+    @property
+    def robots(self) -> Mapping[str, RobotModel]:
+        """All robots by their names."""
+        return self._robots
+
+    def check_room(self, carried: int = 0) -> None:
+        """Raises TooManyRuns where no further run may begin; `carried` are under way beside these."""
+        most = self._config.scenarios.most_runs
+        if len(self._orchestrator.runs) + carried >= most:
+            raise TooManyRuns(f"{most} runs are under way, and more may not be; abort one, or wait for its end")
+
+    def note(self, run_id: str, facts: Sequence[Fact]) -> None:
+        """Write down and show facts of a run that is not ours to decide; later, where that is not possible now."""
+        for fact in facts:
+            self._carrier.note(run_id, fact)
+        self._do([RunChanged(run_id, fact) for fact in facts])
+
+    def note_first(self, run_id: str, facts: Sequence[Fact]) -> None:
+        """The same for the first facts of a run; raises StorageUnavailable, and then there is no such run."""
+        for fact in facts:
+            self._carrier.note(run_id, fact)
+        try:
+            self._do([RunChanged(run_id, fact) for fact in facts], must_be_written=True)
+        except StorageUnavailable:
+            if self._carrier.first_unwritten(run_id) is facts[0]:
+                self._carrier.drop(run_id)
+                raise
+
+    def facts_of(self, run_id: str) -> list[Fact]:
+        """The facts of a run in the journal; raises StorageUnavailable."""
+        return self._journal.facts(run_id)
+
+    def show_waiting(self, run_id: str, waits: TaskWaits) -> None:
+        """Show why such a run does not go on now."""
+        self._do([TaskWaiting(run_id, waits)])
 
     # People.
 
@@ -284,13 +334,10 @@ class ScenarioService:
             ScenarioError: a parameter does not fit, or too many runs are under way.
             StorageUnavailable: it cannot be written down, and there is no run.
         """
-        most = self._config.scenarios.most_runs
-        if len(self._orchestrator.runs) >= most:
-            raise TooManyRuns(f"{most} runs are under way, and more may not be; abort one, or wait for its end")
+        self.check_room()
         self.take_news()
         now = self._wall_s()
-        stamp = datetime.fromtimestamp(now, UTC).strftime("%Y%m%d-%H%M%S")
-        run_id = f"{stamp}-{secrets.token_hex(3)}"  # never used twice: execution ids follow from it
+        run_id = new_run_id(now)
         outputs = self._orchestrator.start(run_id, scenario, parameters_of(scenario, names, values), by=by, now=now)
         created = self._carrier.first_unwritten(run_id)
         assert created is not None, "a run begins with a fact"

@@ -1,0 +1,108 @@
+"""What has to be true of a carried run, whatever happened: pure, of what the robots and the journals know."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from tests.carried.world import RUN, World, orchestrated
+from ua_fleet.scenario import Scenario
+from ua_fleet.scenario.model import Condition, Parallel, Repeat, Sequence, Step, Task
+
+__all__ = ["problems_of"]
+
+
+def problems_of(world: World) -> list[str]:
+    """All that is wrong with a world that has run."""
+    found = _not_over(world) + _twice(world) + _order(world)
+    return found or _otherwise(world)
+
+
+def _not_over(world: World) -> list[str]:
+    if world.is_over:
+        return []
+    states: dict[int, tuple[str | None, tuple[int, ...]] | None] = {}
+    for space, bridge in world.bridges.items():
+        held = bridge.holder.runs.get(RUN)
+        states[space] = None if held is None else (held.closed.outcome if held.closed else None, held.active)
+    if not world.robots.begun and all(held is None or held[0] or not held[1] for held in states.values()):
+        return []  # nothing begun: the reservations end with their lease
+    return [f"it has not ended: {states}"]
+
+
+def _twice(world: World) -> list[str]:
+    """Each attempt once, and none after a task was done, or beside another one."""
+    found: list[str] = []
+    retries = {task.key: task.retries for task in world.scenario.tasks()}
+    by_step: dict[str, list[tuple[float, float, bool]]] = {}
+    for begun in world.robots.begun:
+        by_step.setdefault(begun.step, []).append((begun.at, begun.ended or begun.at, begun.fails))
+    for step, attempts in by_step.items():
+        if len(attempts) > 1 + retries[step.partition("@")[0]]:
+            found.append(f"step {step} was begun {len(attempts)} times")
+        for (_, ended, fails), (begun_at, _, _) in pairwise(attempts):
+            if not fails:
+                found.append(f"step {step} was begun again after it was done")
+            if begun_at < ended:
+                found.append(f"step {step} was begun again before its first attempt had ended")
+    return found
+
+
+def _order(world: World) -> list[str]:
+    """What comes after something begins when that has ended."""
+    found: list[str] = []
+    begun_at: dict[str, tuple[float, float]] = {}
+    for begun in world.robots.begun:
+        key = begun.step.partition("@")[0]
+        first, last = begun_at.get(key, (begun.at, begun.ended or begun.at))
+        begun_at[key] = (min(first, begun.at), max(last, begun.ended or begun.at))
+    for before, after in _pairs(world.scenario):
+        if after in begun_at and before in begun_at and begun_at[after][0] < begun_at[before][1]:
+            found.append(f"step {after} was begun before step {before} had ended")
+    return found
+
+
+def _pairs(scenario: Scenario) -> list[tuple[str, str]]:
+    """All tasks with the tasks that come after them."""
+    found: list[tuple[str, str]] = []
+
+    def tasks(step: Step) -> list[str]:
+        return [each.key for each in Scenario("", Sequence("", 0, (step,))).steps() if isinstance(each, Task)]
+
+    def walk(step: Step) -> None:
+        match step:
+            case Sequence(steps=steps):
+                for number, first in enumerate(steps):
+                    walk(first)
+                    for later in steps[number + 1 :]:
+                        found.extend((one, other) for one in tasks(first) for other in tasks(later))
+            case Parallel(branches=branches):
+                for branch in branches:
+                    walk(branch)
+            case Condition(then=then, otherwise=otherwise):
+                walk(then)
+                walk(otherwise)
+            case Repeat(body=body):
+                walk(body)
+            case _:
+                pass
+
+    walk(scenario.body)
+    return found
+
+
+def _otherwise(world: World) -> list[str]:
+    """Where the run was not ended by the server, it ends as an orchestrated one, with the same tasks and results."""
+    ends = {
+        (held.closed.outcome if held.closed else "")
+        for bridge in world.bridges.values()
+        if (held := bridge.holder.runs.get(RUN)) is not None
+    }
+    if len(ends) > 1 and "aborted" not in ends:
+        return [f"bridges say that the run is {sorted(ends)}"]
+    if not world.robots.begun or "aborted" in ends:
+        return [] if ends <= {"aborted", "", "lost", "done", "failed"} else [f"it has ended as {sorted(ends)}"]
+    outcome, results = orchestrated(world.scenario, world.seed)
+    done = {begun.task: begun.result for begun in world.robots.begun if not begun.fails}
+    if {outcome.value} != ends or done != results:
+        return [f"it has ended as {sorted(ends)} with {done}, and orchestrated as {outcome.value} with {results}"]
+    return []

@@ -1,0 +1,114 @@
+"""Carried runs in a world that is bad to them, each decided by its seed; and wrong ones, which must be found."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from typing import Any, Final
+
+import pytest
+
+from tests.carried.judge import problems_of
+from tests.carried.world import World
+from ua_fleet.carrying import Part
+from ua_fleet.carrying.part import PartSegment, Road
+from ua_fleet.scenario.effects import StartTask
+
+FEW: Final = 400
+"""Seeds of the usual test run, which has little time."""
+BATCH: Final = 100
+WRONG: Final = 80
+"""Seeds within which each wrong implementation is to be found."""
+
+
+def _seeds() -> list[int]:
+    """Those that are asked for: `0-1999`, or `17,44`."""
+    found: list[int] = []
+    for part in os.environ.get("UA_FLEET_CARRIED_SEEDS", f"0-{FEW - 1}").split(","):
+        first, _, last = part.partition("-")
+        found += range(int(first), int(last or first) + 1)
+    return found
+
+
+_ALL: Final = _seeds()
+BATCHES: Final = [_ALL[start : start + BATCH] for start in range(0, len(_ALL), BATCH)]
+
+
+def judged(seed: int, **wrong: Any) -> list[str]:
+    """What is wrong with the world of a seed; nothing where its scenario cannot be carried."""
+    world = World(seed, **wrong)
+    if world.problems:
+        return []
+    world.run()
+    return problems_of(world)
+
+
+@pytest.mark.parametrize("seeds", BATCHES, ids=lambda seeds: f"{seeds[0]}-{seeds[-1]}")
+def test_every_run_ends_as_it_would_orchestrated_and_nothing_is_done_twice(seeds: list[int]) -> None:
+    found = {seed: problems for seed in seeds if (problems := judged(seed))}
+    said = f"run them alone: UA_FLEET_CARRIED_SEEDS={','.join(map(str, found))} .venv/bin/python -m pytest {__file__}"
+    assert not found, f"{found}\n{said}"
+
+
+def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
+    worlds = [World(seed) for seed in range(60)]
+    carried = [world for world in worlds if not world.problems]
+    assert len(carried) >= 45
+    assert sum(any(segment.slots > 1 for segment in world.plan.segments) for world in carried) >= 12
+    for world in carried:
+        world.run()
+    assert sum(world.kills for world in carried) >= 60
+    assert sum(world.server_dies_at < 900 for world in carried) >= 15
+
+
+def is_found(**wrong: Any) -> bool:
+    """Whether any world finds it."""
+    return any(judged(seed, **wrong) for seed in range(WRONG))
+
+
+def test_a_journal_that_is_written_after_sending_is_found() -> None:
+    assert is_found(is_lazy=True)
+
+
+def test_execution_ids_without_the_attempt_are_found() -> None:
+    assert is_found(identity=_without_attempt)
+
+
+def test_a_join_at_two_bridges_is_found() -> None:
+    assert is_found(parts=_two_joins)
+
+
+def _without_attempt(effect: StartTask) -> str:
+    return f"{effect.robot}/{effect.step}"
+
+
+def _two_joins(parts: dict[int, Part]) -> dict[int, Part]:
+    """Every branch but the first ends at a copy of its join that another bridge has; each begins with what it gets."""
+    joins = {
+        one.number: (space, one) for space, part in parts.items() for one in part.segments.values() if one.slots > 1
+    }
+    if not joins or len(parts) < 2:
+        return parts
+    made = {space: dict(part.segments) for space, part in parts.items()}
+
+    def other(space: int) -> int:
+        return next(each for each in parts if each != space)
+
+    for number, (space, join) in joins.items():
+        for at in (space, other(space)):
+            made[at][number] = replace(join, slots=1)
+
+    def turned(road: Road) -> Road:
+        if road.segment not in joins:
+            return road
+        home = joins[road.segment][0]
+        return replace(road, slot=0, space=home if road.slot == 0 else other(home))
+
+    def of(segment: PartSegment) -> PartSegment:
+        fails = None if segment.fails is None else turned(segment.fails)
+        return replace(segment, then=tuple([turned(road) for road in segment.then]), fails=fails)
+
+    return {
+        space: replace(part, segments={number: of(segment) for number, segment in made[space].items()})
+        for space, part in parts.items()
+    }

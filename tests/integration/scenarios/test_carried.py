@@ -1,0 +1,264 @@
+"""Runs that bridges carry: a whole server, three bridges as processes, real UDP."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from asyncua.client.client import Client
+
+from tests.integration.scenarios.conftest import Plant, all_heard, call, run_is, texts, value
+from tests.integration.server_model.harness import until
+from tests.system import Processes
+
+THREE = """
+  - {task: first, skill: work, robot: left, arguments: {work: one}}
+  - {task: second, skill: work, robot: middle, arguments: {work: two}}
+  - {task: third, skill: work, robot: right, arguments: {work: "=second.done"}}
+"""
+FORKED = """
+  - {task: first, skill: work, robot: left, arguments: {work: one}}
+  - parallel:
+      - [{task: a, skill: work, robot: middle, arguments: {work: a}}]
+      - - {task: b, skill: work, robot: right, arguments: {work: b}}
+        - {task: c, skill: work, robot: left, arguments: {work: c}}
+  - if: c.seconds >= 0
+    then: [{task: last, skill: work, robot: middle, arguments: {work: last}}]
+    else: [{task: never, skill: work, robot: middle, arguments: {work: never}}]
+"""
+
+
+def mutual(plant: Plant) -> None:
+    """Let all bridges send each other Actions."""
+
+    def change(raw: dict[str, Any]) -> None:
+        for bridge in raw["bridges"].values():
+            bridge["requestors"] = [0, 300, 301, 302]
+
+    plant.declare(change)
+
+
+async def run_carried(client: Client, name: str) -> str:
+    called = await call(client, "Scenarios", "RunCarried", name, texts(), texts())
+    assert called.status == 0, called.message
+    run_id: str = called.outputs[0]
+    return run_id
+
+
+async def test_a_run_goes_from_bridge_to_bridge(plant: Plant) -> None:
+    mutual(plant)
+    plant.scenario("three", THREE)
+    plant.scenario("forked", FORKED)
+    async with plant.server():
+        for robot in plant.machines:
+            plant.bridge(robot)
+        async with plant.client() as client:
+            await all_heard(client)
+            run_id = await run_carried(client, "three")
+            assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
+            assert plant.told() == [("left", "one"), ("middle", "two"), ("right", "two")]
+            assert await value(client, f"Scenarios.Runs.{run_id}.Robots") == ["left", "middle", "right"]
+
+            run_id = await run_carried(client, "forked")
+            state = await run_is(client, run_id, "done", "failed", "aborted")
+            assert state == "done", await value(client, f"Scenarios.Runs.{run_id}.Reason")
+            told = plant.told()[3:]
+            assert told[0] == ("left", "one")
+            assert told[-1] == ("middle", "last")
+            assert set(told[1:-1]) == {("middle", "a"), ("right", "b"), ("left", "c")}
+
+
+async def test_the_server_is_killed_and_a_new_one_shows_the_whole_run(plant: Plant) -> None:
+    mutual(plant)
+    slow = THREE.replace("work: one", "work: one, seconds: 3")
+    plant.scenario("three", slow)
+    plant.users()
+    server = plant.server_process()
+    for robot in plant.machines:
+        plant.bridge(robot)
+    async with plant.client() as client:
+        await all_heard(client)
+        run_id = await run_carried(client, "three")
+
+        async def begun() -> bool:
+            return plant.told() == [("left", "one")]
+
+        await until(begun, bool, timeout_s=60)
+    server.process.send_signal(signal.SIGKILL)
+    await asyncio.to_thread(server.process.wait)
+
+    async def all_told() -> list[tuple[str, str]]:
+        return plant.told()
+
+    done = [("left", "one"), ("middle", "two"), ("right", "two")]
+    await until(all_told, lambda told: told == done, timeout_s=60)
+    plant.server_process()
+    async with plant.client() as client:
+        assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
+        states = await value(client, f"Scenarios.Runs.{run_id}.States")
+        assert states == ["done", "done", "done"]
+    assert plant.told() == done
+
+
+async def test_a_bridge_that_dies_with_the_token_goes_on_after_its_restart(plant: Plant) -> None:
+    mutual(plant)
+    plant.scenario("three", THREE.replace("work: two", "work: two, seconds: 2"))
+    async with plant.server():
+        bridges = {robot: plant.bridge(robot) for robot in plant.machines}
+        async with plant.client() as client:
+            await all_heard(client)
+            run_id = await run_carried(client, "three")
+
+            async def begun() -> bool:
+                return ("middle", "two") in plant.told()
+
+            await until(begun, bool, timeout_s=60)
+            bridges["middle"].process.send_signal(signal.SIGKILL)
+            await asyncio.to_thread(bridges["middle"].process.wait)
+            bridges["right"].process.send_signal(signal.SIGKILL)
+            await asyncio.to_thread(bridges["right"].process.wait)
+            plant.bridge("middle")
+            await until(lambda: _reason(client, run_id), lambda found: "its token is kept here" in found, timeout_s=60)
+            plant.bridge("right")
+            state = await run_is(client, run_id, "done", "failed", "aborted")
+            assert state == "done", await value(client, f"Scenarios.Runs.{run_id}.Reason")
+            assert plant.told() == [("left", "one"), ("middle", "two"), ("right", "two")]
+
+
+async def test_nothing_begins_unless_every_bridge_has_its_part(plant: Plant) -> None:
+    mutual(plant)
+    plant.scenario("three", THREE)
+    async with plant.server():
+        children = {robot: plant.bridge(robot) for robot in plant.machines}
+        async with plant.client() as client:
+            await all_heard(client)
+            child = children["right"]
+            child.process.send_signal(signal.SIGKILL)
+            await asyncio.to_thread(child.process.wait)
+            run_id = await run_carried(client, "three")
+            states = "done", "failed", "aborted"
+            await until(lambda: _reason(client, run_id), lambda found: "right_cell" in found, timeout_s=60)
+            plant.bridge("right")
+            assert await run_is(client, run_id, *states) == "failed"
+            reason = await value(client, f"Scenarios.Runs.{run_id}.Reason")
+            assert "right_cell" in reason, reason
+            assert plant.told() == []
+
+
+async def test_an_abort_halts_what_is_under_way_and_ends_the_run_everywhere(plant: Plant) -> None:
+    mutual(plant)
+    plant.scenario("three", THREE.replace("work: one", "work: one, seconds: 30"))
+    async with plant.server():
+        for robot in plant.machines:
+            plant.bridge(robot)
+        async with plant.client() as client:
+            await all_heard(client)
+            run_id = await run_carried(client, "three")
+
+            async def begun() -> bool:
+                return plant.told() == [("left", "one")]
+
+            await until(begun, bool, timeout_s=60)
+            called = await call(client, "Scenarios", "Run", "other", texts(), texts())
+            assert called.status != 0
+            called = await call(client, "Scenarios", "Abort", run_id, "enough")
+            assert called.status == 0, called.message
+            assert await run_is(client, run_id, "done", "failed", "aborted") == "aborted"
+            again = await run_carried(client, "three")
+            await until(lambda: _told(plant), lambda told: len(told) == 2, timeout_s=60)
+            await call(client, "Scenarios", "Abort", again, "enough")
+            assert await run_is(client, again, "aborted") == "aborted"
+
+
+async def _reason(client: Client, run_id: str) -> str:
+    return str(await value(client, f"Scenarios.Runs.{run_id}.Reason"))
+
+
+async def _told(plant: Plant) -> list[tuple[str, str]]:
+    return plant.told()
+
+
+async def test_why_a_scenario_cannot_be_carried(plant: Plant) -> None:
+    plant.scenario("three", THREE)
+    steps = "\n  - {task: first, skill: work, robot: left}\n  - {wait: , event: go}\n  - if: left.go_on > 0"
+    steps += "\n    then: [{task: a, skill: work, robot: middle}]\n    else: [{task: b, skill: work, robot: right}]\n"
+    plant.scenario("mixed", steps)
+    async with plant.server(), plant.client() as client:
+        called = await call(client, "Scenarios", "ValidateCarried", "mixed")
+        assert called.outputs[0] is False
+        told = "\n".join(called.outputs[1])
+        for said in ("'go'", "several bridges", "left.go_on"):
+            assert said in told
+        called = await call(client, "Scenarios", "ValidateCarried", "three")
+        assert any("requestors" in problem for problem in called.outputs[1])
+        called = await call(client, "Scenarios", "RunCarried", "three", texts(), texts())
+        assert called.status == 2
+        assert "requestors" in called.message
+
+
+@pytest.mark.parametrize("plant", ["automatic"], indirect=True)
+async def test_another_bridges_robot_stands_in_without_the_server(plant: Plant) -> None:
+    mutual(plant)
+    steps = THREE.replace("work: two", "work: heavy, seconds: 1")
+    plant.scenario("three", steps.replace("work: one", "work: one, seconds: 2"))
+    plant.machines["middle"].weaken()
+    plant.users()
+    server = plant.server_process()
+    for robot in plant.machines:
+        plant.bridge(robot)
+    async with plant.client() as client:
+        await all_heard(client)
+        run_id = await run_carried(client, "three")
+        await until(lambda: _told(plant), lambda told: told == [("left", "one")], timeout_s=60)
+    server.process.send_signal(signal.SIGKILL)
+    await asyncio.to_thread(server.process.wait)
+    told = await until(lambda: _told(plant), lambda told: len(told) == 4, timeout_s=60)
+    assert told[1] == ("middle", "heavy")
+    assert told[2] in (("left", "heavy"), ("right", "heavy"))
+    assert told[3] == ("right", "heavy"), "the third task says what the second one has done"
+    plant.server_process()
+    async with plant.client() as client:
+        assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
+        robots = await value(client, f"Scenarios.Runs.{run_id}.Robots")
+        assert robots == ["left", told[2][0], "right"]
+
+
+async def test_words_of_carried_runs_are_signed_and_encrypted(
+    tmp_path: Path, udp_url: str, tcp_port: int, processes: Processes
+) -> None:
+    pubsub = {"security": "sign_and_encrypt", "keys": {"source": "files"}}
+    plant = Plant(tmp_path, udp_url, tcp_port, processes, "operator", pubsub)
+    mutual(plant)
+    plant.scenario("three", THREE)
+    await plant.prepare()
+    async with plant.server():
+        for robot in plant.machines:
+            plant.bridge(robot)
+        async with plant.client() as client:
+            await all_heard(client)
+            run_id = await run_carried(client, "three")
+            state = await run_is(client, run_id, "done", "failed", "aborted")
+            assert state == "done", await value(client, f"Scenarios.Runs.{run_id}.Reason")
+            assert plant.told() == [("left", "one"), ("middle", "two"), ("right", "two")]
+
+
+async def test_a_robot_of_a_carried_run_does_nothing_else_for_anybody(plant: Plant) -> None:
+    mutual(plant)
+    plant.scenario("three", THREE.replace("work: one", "work: one, seconds: 4"))
+    plant.scenario("other", "\n  - {task: only, skill: work, robot: right, arguments: {work: other}}\n")
+    async with plant.server():
+        for robot in plant.machines:
+            plant.bridge(robot)
+        async with plant.client() as client:
+            await all_heard(client)
+            run_id = await run_carried(client, "three")
+            await until(lambda: _told(plant), bool, timeout_s=60)
+            called = await call(client, "Scenarios", "Run", "other", texts(), texts())
+            other: str = called.outputs[0]
+            await until(lambda: _reason(client, other), lambda found: "reserved" in found, timeout_s=60)
+            assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
+            assert await run_is(client, other, "done", "failed", "aborted") == "done"
+            assert plant.told()[-2:] == [("right", "two"), ("right", "other")]

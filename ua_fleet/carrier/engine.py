@@ -1,0 +1,374 @@
+"""The engine of scenarios in a bridge: it runs segments there as the server runs whole scenarios.
+
+    what the bridge says ---> local subscriber ---> fleet state ---> service ---> requests ---> the bridge's Actions
+    what it hears of others --------------------->                                         ---> other bridges
+
+The bridge is asked as the server would ask it, by Actions, with both journals; but the messages stay in the process.
+What is heard is taken in only while there is a run.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import structlog
+
+from ua_fleet.bridge.carry import CarryGround
+from ua_fleet.carrying.fragments import FragmentInvalid, decode_scenario
+from ua_fleet.config.nodes import fleet_model, max_ages_of
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.security import publisher_ids
+from ua_fleet.counters import Counters
+from ua_fleet.errors import ConfigError
+from ua_fleet.fleet.changes import CapacitiesChanged, Change, ValueChanged
+from ua_fleet.fleet.state import FleetState
+from ua_fleet.operation.runs.clock import steady
+from ua_fleet.operation.runs.library import Checked
+from ua_fleet.operation.runs.records import RunRecord
+from ua_fleet.operation.runs.service import ScenarioService
+from ua_fleet.operation.skills.commands import SkillCommands
+from ua_fleet.orchestrator import Output, RunChanged
+from ua_fleet.pubsub.events import (
+    ActionReceived,
+    AnnouncementReceived,
+    DataReceived,
+    ProbeDue,
+    ProbeReceived,
+    SourceRefused,
+    SourceReturned,
+    SourceSilent,
+    SourceStale,
+    SourceUnknown,
+    SubscriberEvent,
+)
+from ua_fleet.pubsub.subscriber import Subscriber
+from ua_fleet.scenario import Scenario, Value
+from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome
+from ua_fleet.scenario.model import Sequence
+from ua_fleet.skill.executions import RequestOutcome
+from ua_fleet.storage.carried_records import CarriedRecords
+from ua_fleet.topics import SERVER_SPACE, LoopVerdict, Side
+from ua_fleet.values import TICKS_PER_SECOND, UNIX_EPOCH_TICKS
+from ua_fleet.wire import Codec
+from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
+from ua_fleet.wire.messages import Probe, ProbeKind, PublisherIdType
+from ua_fleet.wire.security import read_security
+
+__all__ = ["SegmentEnd", "SegmentEngine"]
+
+INSTANCE: Final = "carry"
+"""Second part of the RequestorId with which robots are asked."""
+TICK_S: Final = 1.0
+_LOST: Final = (SourceSilent, SourceStale, SourceRefused)
+
+
+class SegmentEnd(NamedTuple):
+    """How a segment has ended."""
+
+    run_id: str
+    """Of the segment."""
+    failed: str
+    """Why; empty: it is done."""
+    results: dict[str, Value]
+    ends: str
+    """How all of the run ends, where an `end` step says so."""
+    reason: str
+
+
+class _SegmentService(ScenarioService):
+    """Runs segments, whose texts are no scenarios of a folder."""
+
+    def check(self, name_or_text: str) -> Checked:
+        """A segment after a restart: its steps were held against the fleet by the server."""
+        try:
+            return Checked(decode_scenario(name_or_text), ())
+        except FragmentInvalid as error:
+            return Checked(Scenario("", Sequence("", 0, ())), (ConfigError(str(error)),))
+
+    def has(self, run_id: str) -> bool:
+        """Whether a segment is under way."""
+        return run_id in self._orchestrator.runs
+
+    def begin_segment(self, run_id: str, scenario: Scenario, by: str) -> None:
+        """Begin a segment; what its first tasks are asked with is written down before they are asked."""
+        self.take_news()
+        now, values = self._wall_s(), {one.name: one.default for one in scenario.parameters}
+        given = {name: value for name, value in values.items() if value is not None}
+        outputs = self._orchestrator.start(run_id, scenario, given, by=by, now=now)
+        created = self._carrier.first_unwritten(run_id)
+        assert created is not None, "a run begins with a fact"
+        self._do([RunChanged(run_id, created), *outputs])
+
+
+class SegmentEngine:
+    """Runs the segments of one bridge. All times that go in are of the loop's clock."""
+
+    def __init__(
+        self,
+        config: FleetConfig,
+        space: int,
+        ground: CarryGround,
+        records: CarriedRecords,
+        *,
+        happened: Callable[[str, Fact], None],
+        ended: Callable[[SegmentEnd], None],
+    ) -> None:
+        """Make an engine, which goes on where the journal ends.
+
+        Args:
+            config: the fleet's.
+            space: of the bridge.
+            ground: the bridge.
+            records: of the bridge.
+            happened: told of each fact of a segment once it is written down.
+            ended: told of the end of a segment, in a turn of the loop of its own.
+        """
+        self._space, self._ground, self._records = space, ground, records
+        self._happened, self._ended = happened, ended
+        self._log: Any = structlog.get_logger("ua_fleet.carrier")
+        timing, model = config.pubsub.timing(), fleet_model(config)
+        self._local = Subscriber(
+            SERVER_SPACE,
+            timing,
+            Counters(),
+            Codec(),
+            max_ages=max_ages_of(config),
+            publisher_ids=publisher_ids(config),
+        )
+        self._inbound = Subscriber(space, timing, Counters(), Codec(), _lets_all_in)
+        self._state = FleetState(model, Counters())
+        self._state.caught = self._local.caught = ground.mistakes.caught
+        self._skills = SkillCommands(
+            records.requests,
+            send=self._send,
+            want=self._want,
+            sooner=ground.sooner,
+            wall_ticks=ground.wall_ticks,
+            must_be_verified=ground.must_be_verified,
+            clock=ground.loop.time,
+            log=self._log,
+            space=space,
+            instance=INSTANCE,
+            told=self._concluded,
+        )
+        self._actions = [action for robot in model.robots for action in robot.actions()]
+        self._segments: dict[str, RunRecord] = {}
+        self._queue: deque[bytes] = deque()
+        """What the bridge has said, and is taken in with the next turn of the loop."""
+        self._next_tick = 0.0
+        wall_s = steady(ground.loop.time, lambda: (ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND)
+        self.wall_s = wall_s
+        self._service = _SegmentService(
+            config,
+            model,
+            records.runs,
+            self._skills,
+            folder=Path("/nonexistent"),
+            show=self._show,
+            forgotten=lambda _run_id: None,
+            requested=lambda _key, _execution_id: None,
+            sooner=ground.sooner,
+            clock=ground.loop.time,
+            wall_s=wall_s,
+            capacities=self._state.capacities,
+            mistakes=ground.mistakes,
+            log=self._log,
+        )
+        ground.actions.answer_own = self.own
+
+    # The beginning.
+
+    def begin(self, now: float) -> None:
+        """Go on where the journal ends, and take in what is known."""
+        for record in self._service.restore():
+            self._segments[record.run_id] = record
+        withdrawn = self._service.must_not_begin()
+        self._skills.resume(now, tuple(withdrawn))
+        for action in self._actions:
+            if action.space == self._space:
+                self._skills.want(action)
+        self.catch_up(now)
+        self._service.go_on()
+
+    def catch_up(self, now: float) -> None:
+        """Take in what the bridge and all that it has heard have said last: nothing was taken in without a run."""
+        for topic in list(self._ground.subscriber.writers):
+            self._hear(self._ground.subscriber.known(topic), now)
+        probe = Probe(self._space, PublisherIdType.UINT16, ProbeKind.DATA_SET_META_DATA)
+        for datagram in self._ground.publisher.answer(probe, now):
+            self.own(datagram)
+
+    @property
+    def ended(self) -> list[SegmentEnd]:
+        """The segments that had ended when the journal was read."""
+        return [_end_of(record) for record in self._segments.values() if record.state.outcome is not None]
+
+    @property
+    def problem(self) -> str:
+        """Why segments stand still; empty while they go on."""
+        return self._service.problem
+
+    def begin_segment(self, run_id: str, scenario: Scenario, by: str) -> None:
+        """Begin a segment, unless it was begun before."""
+        record = self._segments.get(run_id)
+        if record is not None or self._service.has(run_id):
+            if record is not None and record.state.outcome is not None:
+                self._tell_end(record)
+            return
+        self._service.begin_segment(run_id, scenario, by)
+
+    def stop_segment(self, run_id: str, reason: str) -> None:
+        """End a segment; what its robots are at is halted."""
+        if self._service.has(run_id):
+            self._service.abort(run_id, reason, "the end of the run")
+        elif (record := self._segments.get(run_id)) is not None and record.state.outcome is not None:
+            self._tell_end(record)
+
+    def answer(self, run_id: str, step: str, answer: str, by: str) -> None:
+        """A person says what became of a task of a segment; raises ScenarioError."""
+        self._service.answer(run_id, step, answer, by)
+
+    def has_step(self, run_id: str, step: str) -> bool:
+        """Whether a segment that is under way has a step of that key, or a task of that name."""
+        record = self._segments.get(run_id)
+        if record is None or not self._service.has(run_id):
+            return False
+        return any(step in (key, task.name) for key, task in record.state.tasks.items())
+
+    # What comes.
+
+    def own(self, datagram: bytes) -> None:
+        """Take what the bridge says, to all or to this; in the next turn, since it is in the middle of something."""
+        if not self._queue:
+            self._ground.loop.call_soon(self._take_own)
+        self._queue.append(datagram)
+
+    def _take_own(self) -> None:
+        now = self._ground.loop.time()
+        for _ in range(len(self._queue)):
+            datagram = self._queue.popleft()
+            with self._ground.mistakes.guard("carried runs"):
+                self._hear(self._local.receive(datagram, now, ("", 0)), now, is_own=True)
+        if self._queue:
+            self._ground.loop.call_soon(self._take_own)
+        self._ground.sooner()
+
+    def hear(self, event: SubscriberEvent, now: float) -> None:
+        """Take what the bridge has heard of others."""
+        if not isinstance(event, SourceUnknown | ProbeDue | ProbeReceived | ActionReceived):
+            self._hear([event], now)
+
+    def receive(self, event: ActionReceived, now: float) -> None:
+        """Take the response of another bridge."""
+        self._skills.receive(event, now)
+
+    def _hear(self, events: Iterable[SubscriberEvent], now: float, *, is_own: bool = False) -> None:
+        wall = self._ground.wall_ticks()
+        for event in events:
+            if isinstance(event, SourceUnknown | ProbeDue):
+                if event.datagram is not None:
+                    self._send(event.datagram)
+            elif isinstance(event, ActionReceived):
+                self._skills.receive(event._replace(verified=event.verified or is_own), now)
+            elif isinstance(event, AnnouncementReceived):
+                if isinstance(event.announcement, ActionMetaDataAnnouncement):
+                    self._skills.announced(event.announcement)
+            else:
+                self._take(self._state.apply(event, wall))
+                self._follow(event)
+        self._service.end_batch()
+
+    def _take(self, changes: Iterable[Change]) -> None:
+        for change in changes:
+            if isinstance(change, ValueChanged):
+                self._service.value_changed(change)
+            elif isinstance(change, CapacitiesChanged):
+                self._service.fleet_changed()
+
+    def _follow(self, event: SubscriberEvent) -> None:
+        if isinstance(event, DataReceived):
+            self._service.heard(event)
+        elif isinstance(event, SourceReturned):
+            self._service.source_returned(event.topic)
+        elif isinstance(event, _LOST):
+            self._service.source_lost(event.topic)
+
+    # What goes out.
+
+    def _want(self, space: int, data_set_writer_id: int, now: float) -> bool:
+        subscriber = self._local if space == self._space else self._ground.subscriber
+        return subscriber.want_action(space, data_set_writer_id, now)
+
+    def _send(self, plain: bytes) -> None:
+        if read_security(plain).publisher_id == self._space:
+            self._ground.loop.call_soon(self._to_bridge, plain)
+        else:
+            self._ground.send(plain)
+
+    def _to_bridge(self, plain: bytes) -> None:
+        now = self._ground.loop.time()
+        with self._ground.mistakes.guard("carried runs"):
+            for event in self._inbound.receive(plain, now, ("", 0)):
+                if isinstance(event, ActionReceived):
+                    self._ground.actions.receive_own(event.message, now)
+                elif isinstance(event, ProbeReceived):
+                    self._ground.core.hear([event], now)
+        self._ground.sooner()
+
+    def _concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
+        self._service.concluded(execution_id, outcome)
+
+    # What has happened.
+
+    def _show(self, output: Output) -> None:
+        if not isinstance(output, RunChanged):
+            return
+        record = self._segments.get(output.run_id)
+        if record is None:
+            record = self._segments[output.run_id] = RunRecord(output.run_id)
+        record.apply(output.fact)
+        self._happened(output.run_id, output.fact)
+        if isinstance(output.fact, RunEnded):
+            self._tell_end(record)
+
+    def _tell_end(self, record: RunRecord) -> None:
+        self._ground.loop.call_soon(self._ended, _end_of(record))
+
+    # Time.
+
+    def poll(self, now: float) -> None:
+        """Do what is due."""
+        self._hear(self._local.poll(now), now)
+        self._skills.poll(now)
+        if now >= self._next_tick:
+            self._next_tick = now + TICK_S
+            self._take(self._state.tick(self._ground.wall_ticks()))
+        self._service.poll()
+
+    def next_deadline(self) -> float:
+        """When `poll` is to be called next."""
+        deadlines = (self._local.next_deadline(), self._skills.next_deadline(), self._service.next_deadline())
+        return min((due for due in deadlines if due is not None), default=self._next_tick)
+
+    def forget(self, run_ids: Iterable[str]) -> None:
+        """These segments are not in the journal any more."""
+        for run_id in run_ids:
+            self._segments.pop(run_id, None)
+
+
+def _lets_all_in(_side: Side, _origin: int, _space: int, _own_publication: bool) -> LoopVerdict:
+    """In place of the loop rule: what is asked here comes from this very process."""
+    return LoopVerdict.TO_SPACE
+
+
+def _end_of(record: RunRecord) -> SegmentEnd:
+    state = record.state
+    closing, reason = state.closing, state.reason
+    results = {f"{task}.{name}": value for task, given in state.results.items() for name, value in given.items()}
+    if closing is not None and closing.outcome is not RunOutcome.ABORTED:
+        return SegmentEnd(record.run_id, "", results, closing.outcome.value, reason)
+    is_done = state.outcome is RunOutcome.DONE
+    return SegmentEnd(record.run_id, "" if is_done else reason or "it has failed", results, "", reason)

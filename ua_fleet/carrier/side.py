@@ -1,0 +1,344 @@
+"""The words of carried runs in one bridge: others tell the holder, and it tells the engine or others.
+
+    Action -> holder (journal) -> engine -> facts (journal) -> pages for the server
+    end of a segment -> holder (journal) -> Action to another bridge, until it is acknowledged
+
+The engine is made when the first part comes, and hears nothing while there is no run.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import structlog
+
+from ua_fleet.bridge.carry import CarryFactory, CarryGround
+from ua_fleet.bridge.immediate import ImmediateActions
+from ua_fleet.carrier.engine import INSTANCE, SegmentEnd, SegmentEngine
+from ua_fleet.carrier.outbox import Outbox
+from ua_fleet.carrying import Begin, Holder, Stop, segment_run
+from ua_fleet.carrying.fragments import segment_scenario
+from ua_fleet.carrying.holder import Carry
+from ua_fleet.carrying.words import decode_words, encode_words
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.errors import LocalWireError, ScenarioError, StorageUnavailable
+from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, CARRY_REQUEST, CARRY_RESPONSE, Word, carry_topic
+from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, SubscriberEvent
+from ua_fleet.scenario.facts import Fact, encode_fact
+from ua_fleet.skill.executions import RequestorName, pack
+from ua_fleet.storage.carried_records import CARRIED_FILE, CarriedRecords
+from ua_fleet.values import TICKS_PER_SECOND, UNIX_EPOCH_TICKS, BuiltinType, StatusCode
+from ua_fleet.wire.actions import ActionMessage
+from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
+from ua_fleet.wire.security import read_security
+
+__all__ = ["carrier_of"]
+
+REQUESTS_AT_ONCE: Final = 64
+PAGE_BYTES: Final = 24_000
+"""Facts of one answer to the server, before they are compressed."""
+_BYTES: Final = (int(BuiltinType.BYTE_STRING),)
+
+
+class RunUnknown(ScenarioError):
+    """A bridge is asked about a run that it does not carry."""
+
+    ua_status = StatusCode.BAD_NOT_FOUND
+    remedy = "The bridge has forgotten it, or its state folder is another one."
+
+
+def carrier_of(config: FleetConfig, name: str, state_dir: Path) -> CarryFactory:
+    """What makes who carries runs in a bridge.
+
+    Args:
+        config: the fleet's.
+        name: of the bridge.
+        state_dir: of the bridge; its file of carried runs is made when the first part comes.
+    """
+    return partial(_Carrier, config, name, state_dir)
+
+
+class _Carrier:
+    """See `bridge.carry.CarrySide`."""
+
+    def __init__(self, config: FleetConfig, name: str, state_dir: Path, ground: CarryGround) -> None:
+        self._config, self._name, self._state_dir, self._ground = config, name, state_dir, ground
+        self._bridge = config.bridges[name]
+        self._space, ns = self._bridge.space, config.fleet.namespace_index
+        self._topic = carry_topic(self._space, ns)
+        self._log: Any = structlog.get_logger("ua_fleet.carrier", bridge=name)
+        self._records: CarriedRecords | None = None
+        self._holder = Holder(self._space, self._note)
+        self._engine: SegmentEngine | None = None
+        self._pages: dict[str, list[str]] = {}
+        """The facts of each run here, as the server fetches them."""
+        spaces = {bridge.space: each for each, bridge in config.bridges.items()}
+        self._outbox = Outbox(self._space, ns, spaces, ground, self._log)
+        self._actions = ImmediateActions(
+            self._space,
+            ground.publisher,
+            ground.counters,
+            self._asked,
+            about="carried runs",
+            requestors=self._bridge.requestors,
+            spaces=self._bridge.requestors,
+            must_be_verified=ground.must_be_verified,
+            requests_at_once=REQUESTS_AT_ONCE,
+            send=self._send,
+            send_to=ground.send_to,
+            wall_ticks=ground.wall_ticks,
+            caught=ground.mistakes.caught,
+            answers=ground.answers,
+            limits=ground.limits,
+        )
+        ground.actions.reserved_for = self._holder.reserved_for
+        self._storage_problem = ""
+
+    @property
+    def problem(self) -> str:
+        """What keeps runs from going on here; empty where nothing does."""
+        engine = "" if self._engine is None else self._engine.problem
+        return self._storage_problem or engine or self._outbox.waits()
+
+    def _send(self, datagram: bytes) -> None:
+        self._ground.send(datagram)
+
+    # The beginning.
+
+    def begin(self, now: float) -> None:
+        """Announce the Action, and go on where the journal ends."""
+        try:
+            self._actions.offer(self._topic, CARRY, self._name, CARRY_REQUEST, CARRY_RESPONSE, now)
+        except LocalWireError as error:
+            self._log.error("this bridge carries no runs", reason=str(error))
+            return
+        if (self._state_dir / CARRIED_FILE).exists():
+            self._open()
+            self._restore(now)
+
+    def _open(self) -> CarriedRecords:
+        """The file, made where it is not there yet; raises StorageUnavailable."""
+        if self._records is None:
+            self._records = CarriedRecords(self._state_dir)
+        return self._records
+
+    def _restore(self, now: float) -> None:
+        records = self._open()
+        self._holder = Holder(self._space, self._note, records.facts())
+        self._ground.actions.reserved_for = self._holder.reserved_for
+        for run_id in self._holder.runs:
+            self._pages[run_id] = [
+                encode_fact(fact) for segment in records.segments_of(run_id) for fact in records.runs.facts(segment)
+            ]
+        if any(held.closed is None or held.active for held in self._holder.runs.values()):
+            engine = self._engine_now(now)
+            self._do(self._holder.again(self._wall_s()))
+            for ended in engine.ended:
+                self._segment_ended(ended)
+
+    def _engine_now(self, now: float) -> SegmentEngine:
+        """The engine, which is made when there is something to do."""
+        if self._engine is None:
+            self._engine = SegmentEngine(
+                self._config,
+                self._space,
+                self._ground,
+                self._open(),
+                happened=self._happened,
+                ended=self._segment_ended,
+            )
+            self._engine.begin(now)
+        return self._engine
+
+    def _note(self, fact: Any) -> None:
+        self._open().note(fact)
+
+    def _wall_s(self) -> float:
+        return (self._ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND
+
+    # What comes.
+
+    def takes(self, message: ActionMessage) -> bool:
+        """Whether an Action is for this."""
+        if message.is_request:
+            return message.data_set_writer_id == CARRY_ID
+        name = RequestorName.parse(message.requestor_id)
+        return name is not None and name.space == self._space
+
+    def receive(self, event: ActionReceived, now: float) -> None:
+        """Take it."""
+        if event.message.is_request:
+            self._actions.receive(event, now)
+        elif event.message.requestor_id == f"{self._space}.{INSTANCE}":
+            if self._engine is not None:
+                self._engine.receive(event, now)
+        else:
+            self._outbox.receive(event, now)
+        self._ground.sooner()
+
+    def hear(self, event: SubscriberEvent, now: float) -> None:
+        """Take what is heard of other spaces."""
+        if isinstance(event, AnnouncementReceived) and isinstance(event.announcement, ActionMetaDataAnnouncement):
+            self._outbox.announced(event.announcement)
+        if self._engine is not None and self._is_busy:
+            self._engine.hear(event, now)
+
+    def own(self, datagram: bytes) -> None:
+        """Take what this bridge says to all."""
+        if self._engine is not None and (self._is_busy or read_security(datagram).is_discovery):
+            self._engine.own(datagram)
+
+    @property
+    def _is_busy(self) -> bool:
+        return any(held.closed is None or held.active for held in self._holder.runs.values())
+
+    def _asked(self, _writer_id: int, values: list[Any], now: float) -> bytes:
+        """Do what a word says; raises UaFleetError where it is refused."""
+        word, content = values[0], bytes(values[1] or b"")
+        sender, wall_s = self._actions.asked_by, self._wall_s()
+        answer = b""
+        match word:
+            case Word.PART if sender == 0:
+                self._take_part(content, now)
+            case Word.TOKEN:
+                self._do(self._holder.take_token(content, sender, wall_s))
+            case Word.END:
+                words = decode_words(content)
+                run_id, outcome, reason = (str(words.get(name, "")) for name in ("run", "outcome", "reason"))
+                self._do(self._holder.take_end(run_id, outcome, reason, sender, wall_s))
+            case Word.FETCH if sender == 0:
+                answer = self._page(decode_words(content))
+            case Word.ANSWER if sender == 0:
+                self._answer(decode_words(content))
+            case _:
+                raise RunUnknown(f"there is no word {word} of carried runs for space {sender}")
+        return pack(_BYTES, (answer,))
+
+    def _take_part(self, content: bytes, now: float) -> None:
+        was_idle = not self._is_busy
+        self._holder.take_part(content, self._wall_s())
+        if self._engine is None:
+            self._engine_now(now)
+        elif was_idle:
+            self._engine.catch_up(now)
+        for held in self._holder.runs.values():
+            for space in held.part.spaces:
+                if space != self._space:
+                    self._outbox.want(space)
+
+    def _answer(self, words: dict[str, Any]) -> None:
+        run_id, step, answer, by = (str(words.get(name, "")) for name in ("run", "step", "answer", "by"))
+        held = self._holder.runs.get(run_id)
+        for number in () if held is None else held.active:
+            segment = segment_run(run_id, number)
+            if self._engine is not None and self._engine.has_step(segment, step):
+                self._engine.answer(segment, step, answer, by)
+                return
+        raise RunUnknown(f"nobody is asked about step {step!r} of run {run_id!r} here")
+
+    def _page(self, words: dict[str, Any]) -> bytes:
+        """The facts that the server has not, as far as one answer has room, and how the run is here."""
+        run_id, after = str(words.get("run", "")), int(words.get("after", 0))
+        held = self._holder.runs.get(run_id)
+        if held is None:
+            raise RunUnknown(f"run {run_id[:80]!r} is not known here")
+        lines, page, size = self._pages.get(run_id, []), list[str](), 0
+        for line in lines[max(0, after) :]:
+            size += len(line.encode())
+            if page and size > PAGE_BYTES:
+                break
+            page.append(line)
+        closed = held.closed
+        told = {
+            "facts": page,
+            "count": len(lines),
+            "active": list(held.active),
+            "waits": self._outbox.waits(run_id),
+            "closed": None if closed is None else [closed.at, closed.outcome, closed.reason],
+        }
+        return zlib.compress(encode_words(**told))
+
+    # What follows.
+
+    def _do(self, effects: Iterable[Carry]) -> None:
+        now = self._ground.loop.time()
+        for effect in effects:
+            engine = self._engine_now(now)
+            if isinstance(effect, Begin):
+                held = self._holder.runs[effect.run_id]
+                values = dict(held.part.parameters) | effect.values
+                scenario = segment_scenario(held.part.scenario, effect.segment.body, values)
+                engine.begin_segment(segment_run(effect.run_id, effect.segment.number), scenario, held.part.by)
+            else:
+                self._stop(engine, effect)
+        self._ground.loop.call_soon(self._send_out)
+
+    def _stop(self, engine: SegmentEngine, effect: Stop) -> None:
+        for number in effect.segments:
+            with self._ground.mistakes.guard("carried runs", run_id=effect.run_id):
+                engine.stop_segment(segment_run(effect.run_id, number), effect.reason)
+
+    def _happened(self, segment: str, fact: Fact) -> None:
+        self._pages.setdefault(segment.rpartition(".")[0], []).append(encode_fact(fact))
+
+    def _segment_ended(self, end: SegmentEnd) -> None:
+        run_id, _, number = end.run_id.rpartition(".")
+        try:
+            effects = self._holder.segment_ended(
+                run_id,
+                int(number),
+                self._wall_s(),
+                failed=end.failed,
+                results=end.results,
+                ends=end.ends,
+                reason=end.reason,
+            )
+        except StorageUnavailable as error:
+            self._storage_problem = f"carried runs cannot be recorded, and stand still: {error}"
+            self._ground.loop.call_later(1.0, self._segment_ended, end)
+            return
+        self._storage_problem = ""
+        self._do(effects)
+
+    # Time.
+
+    def _send_out(self) -> None:
+        """Say what others have not acknowledged."""
+        with self._ground.mistakes.guard("carried runs"):
+            self._outbox.say(list(self._holder.to_send()), self._told)
+        self._ground.sooner()
+
+    def _told(self, note: Callable[[Holder, float], None]) -> None:
+        """Another bridge has acknowledged something."""
+        note(self._holder, self._wall_s())
+        for run_id in self._holder.forgettable():
+            records = self._open()
+            if self._engine is not None:
+                self._engine.forget(records.segments_of(run_id))
+            records.forget(run_id)
+            self._holder.forget(run_id)
+            self._pages.pop(run_id, None)
+
+    def poll(self, now: float) -> None:
+        """Do what is due."""
+        self._actions.poll(now)
+        self._outbox.poll(now)
+        if self._engine is not None and self._is_busy:
+            self._engine.poll(now)
+        if (due := self._holder.next_deadline()) is not None and self._wall_s() >= due:
+            self._do(self._holder.poll(self._wall_s()))
+        if self._outbox.is_due(now):
+            self._send_out()
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None."""
+        deadlines = [self._actions.next_deadline(), self._outbox.next_deadline()]
+        if self._engine is not None and self._is_busy:
+            deadlines.append(self._engine.next_deadline())
+        if (due := self._holder.next_deadline()) is not None:
+            deadlines.append(self._ground.loop.time() + max(1.0, due - self._wall_s()))
+        return min((due for due in deadlines if due is not None), default=None)

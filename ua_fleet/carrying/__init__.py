@@ -1,0 +1,36 @@
+"""Runs that bridges carry themselves: a plan in parts, a token that moves, and who holds it. Pure.
+
+    split(scenario, view)                      # a plan of segments, or why it cannot be carried
+    parts_of(plan, run_id, ...)                # what each bridge gets before anything begins
+    holder = Holder(space, journal, facts)     # one for each bridge
+    holder.take_part / take_token / take_end / segment_ended / poll      -> what the engine is to begin or to stop
+    holder.to_send()                           # tokens and ends that were not acknowledged
+
+The engine that runs a segment is that of `scenario`, as in the server.
+"""
+
+from ua_fleet.carrying.holder import Begin, Holder, RunRefused, SendEnd, SendToken, Stop
+from ua_fleet.carrying.part import Part, decode_part, encode_part, parts_of, segment_run
+from ua_fleet.carrying.plan import Plan, PlanView, Split, split
+from ua_fleet.carrying.token import Token, decode_token, encode_token
+
+__all__ = [
+    "Begin",
+    "Holder",
+    "Part",
+    "Plan",
+    "PlanView",
+    "RunRefused",
+    "SendEnd",
+    "SendToken",
+    "Split",
+    "Stop",
+    "Token",
+    "decode_part",
+    "decode_token",
+    "encode_part",
+    "encode_token",
+    "parts_of",
+    "segment_run",
+    "split",
+]

@@ -1,0 +1,440 @@
+"""What one bridge has of carried runs: parts, tokens, segments under way, and what is yet to be handed over. Pure.
+
+    part       taken                                             journal, reserve its robots
+    segment    waits for slots --all filled--> begun             journal each token before it is acknowledged
+               begun --ended--> over                             journal the end before any token of it is sent
+               over  --each token acknowledged--> handed over    a token is sent until its target says that it has it
+               a slot failed, or WHOLE --> over as failed, without its steps
+    run        the last segment over, an `end`, an abort --> closed --each other bridge acknowledged--> told
+               no part, token or end for `lease_s` --> lost: its reservations end, later tokens are refused
+
+A fact is journaled first, then applied, then what follows is done. All that is done follows from the facts alone, so
+that a process that is killed at any moment asks for the same again: `begin` of a segment whose run the engine has
+already, a token whose target has it already. A token that comes twice, or late, begins nothing: a segment is begun
+once, by the last of its slots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from ua_fleet.carrying.facts import (
+    CarryFact,
+    EndTold,
+    HandedOver,
+    PartTaken,
+    RunClosed,
+    SegmentBegun,
+    SegmentOver,
+    TokenTaken,
+)
+from ua_fleet.carrying.part import Part, PartInvalid, PartSegment, Road, decode_part
+from ua_fleet.carrying.token import WHOLE, Token, TokenInvalid, decode_token, encode_token
+from ua_fleet.errors import ScenarioError
+from ua_fleet.scenario import Value
+from ua_fleet.topics import SERVER_SPACE
+from ua_fleet.values import StatusCode
+
+__all__ = ["LOST", "MOST_RUNS", "Begin", "Carry", "HeldRun", "Holder", "RunRefused", "SendEnd", "SendToken", "Stop"]
+
+MOST_RUNS: Final = 100
+"""Carried runs that a bridge has at a time."""
+MOST_KEPT: Final = 50
+"""Those that are over and still known: the server fetches what became of them."""
+LOST: Final = "lost"
+"""The outcome of a run of which nothing has come for its lease."""
+
+
+class RunRefused(ScenarioError):
+    """A bridge does not take a part or a token; the message says why."""
+
+    ua_status = StatusCode.BAD_INVALID_STATE
+    remedy = "See the state of the run in the server."
+
+
+class Begin(NamedTuple):
+    """Have the engine run a segment; said again for one that it has, nothing happens."""
+
+    run_id: str
+    segment: PartSegment
+    values: dict[str, Value]
+    """Results of segments before."""
+
+
+class SendToken(NamedTuple):
+    """A token that its target has not acknowledged."""
+
+    run_id: str
+    segment: int
+    road: Road
+    content: bytes
+
+
+class SendEnd(NamedTuple):
+    """The end of a run, which a bridge has not acknowledged."""
+
+    run_id: str
+    space: int
+    outcome: str
+    reason: str
+
+
+class Stop(NamedTuple):
+    """Have the engine end what it has of a run."""
+
+    run_id: str
+    segments: tuple[int, ...]
+    reason: str
+
+
+Carry = Begin | Stop
+
+
+@dataclass(slots=True)
+class HeldRun:
+    """A run as this bridge knows it."""
+
+    part: Part
+    heard: float
+    """When something came of it last, by the wall clock."""
+    tokens: dict[tuple[int, int], Token] = field(default_factory=dict[tuple[int, int], Token])
+    """By segment and slot."""
+    begun: dict[int, float] = field(default_factory=dict[int, float])
+    over: dict[int, SegmentOver] = field(default_factory=dict[int, SegmentOver])
+    handed: set[tuple[int, int, int]] = field(default_factory=set[tuple[int, int, int]])
+    """Segment that is over, and the segment and slot of each token of it that its target has."""
+    closed: RunClosed | None = None
+    told: set[int] = field(default_factory=set[int])
+    """Bridges that have acknowledged the end."""
+
+    @property
+    def active(self) -> tuple[int, ...]:
+        """The segments that are under way."""
+        return tuple(number for number in self.begun if number not in self.over)
+
+
+class Holder:
+    """The carried runs of one bridge. `now` is the wall clock in seconds, since a run outlives a process."""
+
+    def __init__(self, space: int, journal: Callable[[CarryFact], None], facts: Iterable[CarryFact] = ()) -> None:
+        """Go on where the journal ends; then `again` says what is to be begun.
+
+        Args:
+            space: of the bridge.
+            journal: writes a fact; when it returns, the fact is there after a crash. Raises where it cannot.
+            facts: what it has.
+        """
+        self._space, self._journal = space, journal
+        self.runs: dict[str, HeldRun] = {}
+        self._ended_before: dict[str, RunClosed] = {}
+        """Runs that were over before their part came, the oldest first: a part that is late does not begin them."""
+        for fact in facts:
+            self._apply(fact)
+
+    # What comes from others.
+
+    def take_part(self, content: bytes, now: float) -> None:
+        """Take a part; the same one again changes nothing.
+
+        Raises:
+            PartInvalid: it cannot be read, or is not of this bridge.
+            RunRefused: another one of the run is here, or there are too many runs.
+        """
+        part = decode_part(content)
+        known = self.runs.get(part.run_id)
+        if known is not None:
+            if known.part.plan_hash != part.plan_hash:
+                raise RunRefused(f"run {part.run_id} has another plan here")
+            if known.closed is not None:
+                raise self._is_over(part.run_id, known.closed)
+            return
+        if (ended := self._ended_before.get(part.run_id)) is not None:
+            raise self._is_over(part.run_id, ended)
+        if self._space not in part.spaces:
+            raise PartInvalid(f"the part of run {part.run_id} is not for space {self._space}")
+        if sum(1 for held in self.runs.values() if held.closed is None) >= MOST_RUNS:
+            raise RunRefused(f"{MOST_RUNS} runs are carried here, and more may not be")
+        self._note(PartTaken(now, part.run_id, content.hex()))
+
+    def take_token(self, content: bytes, sender: int, now: float) -> list[Carry]:
+        """Take a token that a bridge has sent, or the server (0) to begin; the same one again changes nothing.
+
+        Raises:
+            TokenInvalid: it cannot be read, or contradicts one that is here.
+            RunRefused: there is no part for it, the run is over, or it is of another plan or epoch.
+        """
+        head = decode_token(content)
+        held = self.runs.get(head.run_id)
+        if held is None:
+            raise RunRefused(f"there is no part of run {head.run_id[:80]} here")
+        part = held.part
+        if head.plan_hash != part.plan_hash:
+            raise RunRefused(f"the token is of another plan of run {part.run_id}")
+        if head.epoch != part.epoch:
+            raise RunRefused(f"the token has epoch {head.epoch}, and run {part.run_id} has {part.epoch} here")
+        token = decode_token(content, {number: segment.needs for number, segment in part.segments.items()})
+        if sender not in (SERVER_SPACE, *part.spaces):
+            raise RunRefused(f"space {sender} is not in run {part.run_id}")
+        segment = part.segments[token.segment]
+        if token.slot != WHOLE and token.slot >= segment.slots:
+            raise TokenInvalid(f"segment {token.segment} of run {part.run_id} has no slot {token.slot}")
+        if token.slot == WHOLE and not token.failed:
+            raise TokenInvalid("a token for all slots says why the segment has failed")
+        known = held.tokens.get((token.segment, token.slot))
+        if known is not None:
+            if known != token:
+                raise TokenInvalid(f"segment {token.segment} of run {part.run_id} has another token there")
+            return []
+        if held.closed is not None:
+            raise self._is_over(part.run_id, held.closed)
+        self._note(TokenTaken(now, part.run_id, content.hex(), sender))
+        return self._go_on(held, token.segment, now)
+
+    def take_end(self, run_id: str, outcome: str, reason: str, sender: int, now: float) -> list[Carry]:
+        """A run is over, as a bridge of it says; or the server, also of one that is not known here.
+
+        Raises:
+            RunRefused: who says it is not in the run.
+        """
+        held = self.runs.get(run_id)
+        if held is None:
+            if run_id not in self._ended_before and sender == SERVER_SPACE:
+                self._note(RunClosed(now, run_id, outcome, reason, sender))
+            return []
+        if sender not in (SERVER_SPACE, *held.part.spaces):
+            raise RunRefused(f"space {sender} is not in run {run_id}")
+        return [] if held.closed is not None else self._close(held, outcome, reason, sender, now)
+
+    # What comes from the engine.
+
+    def segment_ended(
+        self,
+        run_id: str,
+        number: int,
+        now: float,
+        *,
+        failed: str = "",
+        results: dict[str, Value] | None = None,
+        ends: str = "",
+        reason: str = "",
+    ) -> list[Carry]:
+        """The engine has ended a segment.
+
+        Args:
+            run_id: the run.
+            number: the segment.
+            now: by the wall clock.
+            failed: why it has failed; empty where it is done.
+            results: all that its tasks have given, by `task.result`.
+            ends: where an `end` step has ended all of the run: how.
+            reason: why, then.
+        """
+        held = self.runs.get(run_id)
+        if held is None or number in held.over or number not in held.begun:
+            return []
+        known = dict(self._values(held, number)) | (results or {})
+        failed = failed or self._unfit(held, number, known)
+        self._note(SegmentOver(now, run_id, number, failed, {} if failed else known, ends))
+        if held.closed is not None:
+            return []
+        if ends:
+            return self._close(held, ends, reason, self._space, now)
+        return self._after(held, number, now)
+
+    def again(self, now: float) -> list[Carry]:
+        """After a restart: what is to be begun, also of what the engine may have already."""
+        effects: list[Carry] = []
+        for held in list(self.runs.values()):
+            if held.closed is not None:
+                if held.active:
+                    effects.append(Stop(held.part.run_id, held.active, held.closed.reason or held.closed.outcome))
+                continue
+            effects += [self._begin(held, number) for number in held.active]
+            for number in held.part.segments:
+                if number not in held.begun and number not in held.over:
+                    effects += self._go_on(held, number, now)
+            for number in list(held.over):
+                if held.closed is None:
+                    effects += self._after(held, number, now)
+        return effects
+
+    # What is to be sent, and what came of it.
+
+    def to_send(self) -> Iterator[SendToken | SendEnd]:
+        """All that others have not acknowledged yet."""
+        for held in self.runs.values():
+            closed = held.closed
+            if closed is not None:
+                if closed.by == self._space:
+                    for space in held.part.spaces:
+                        if space not in held.told and space != self._space:
+                            yield SendEnd(held.part.run_id, space, closed.outcome, closed.reason)
+                continue
+            for number, over in held.over.items():
+                for road in self._roads(held, number, over):
+                    if (number, road.segment, road.slot) not in held.handed:
+                        yield SendToken(held.part.run_id, number, road, self._token(held, over, road))
+
+    def handed_over(self, sent: SendToken, now: float) -> None:
+        """The target of a token has it."""
+        held = self.runs.get(sent.run_id)
+        key = (sent.segment, sent.road.segment, sent.road.slot)
+        if held is not None and key not in held.handed:
+            self._note(HandedOver(now, sent.run_id, *key))
+
+    def end_told(self, sent: SendEnd, now: float) -> None:
+        """A bridge has acknowledged the end of a run."""
+        held = self.runs.get(sent.run_id)
+        if held is not None and sent.space not in held.told:
+            self._note(EndTold(now, sent.run_id, sent.space))
+
+    # Time, and what others ask.
+
+    def poll(self, now: float) -> list[Carry]:
+        """Runs of which nothing has come for their lease are lost: what they have reserved is free."""
+        effects: list[Carry] = []
+        for held in list(self.runs.values()):
+            if held.closed is None and not held.active and now >= held.heard + held.part.lease_s:
+                reason = f"nothing came of it for {held.part.lease_s:g} s"
+                effects += self._close(held, LOST, reason, self._space, now)
+        return effects
+
+    def next_deadline(self) -> float | None:
+        """When `poll` has something to do, by the wall clock, or None."""
+        ends = [held.heard + held.part.lease_s for held in self.runs.values() if not held.closed and not held.active]
+        return min(ends, default=None)
+
+    def reserved_for(self, robot: str, asking: int | None = None) -> str:
+        """The run that keeps a robot from doing something for a space, or for people; empty where none does.
+
+        The bridges of the run may ask it: one whose own robot has failed may need this one in its place.
+        """
+        for run_id, held in self.runs.items():
+            if held.closed is None and asking not in held.part.spaces and robot in held.part.robots():
+                return run_id
+        return ""
+
+    def forgettable(self) -> list[str]:
+        """The runs that are over everywhere, the oldest first, but for the last ones."""
+        over = [
+            run_id
+            for run_id, held in self.runs.items()
+            if held.closed is not None
+            and not held.active
+            and (held.closed.by != self._space or held.told | {self._space} >= set(held.part.spaces))
+        ]
+        return over[: max(0, len(over) - MOST_KEPT)]
+
+    def forget(self, run_id: str) -> None:
+        """A run is not in the journal any more."""
+        self.runs.pop(run_id, None)
+
+    # Within.
+
+    def _go_on(self, held: HeldRun, number: int, now: float) -> list[Carry]:
+        """Begin a segment once all of its slots are filled."""
+        segment = held.part.segments[number]
+        if number in held.begun or number in held.over or held.closed is not None:
+            return []
+        tokens = [held.tokens.get((number, slot)) for slot in range(segment.slots)]
+        whole = held.tokens.get((number, WHOLE))
+        if whole is None and None in tokens:
+            return []
+        failed = whole.failed if whole is not None else next((one.failed for one in tokens if one and one.failed), "")
+        if failed:
+            self._note(SegmentOver(now, held.part.run_id, number, failed))
+            return self._after(held, number, now)
+        self._note(SegmentBegun(now, held.part.run_id, number))
+        return [self._begin(held, number)]
+
+    def _begin(self, held: HeldRun, number: int) -> Begin:
+        return Begin(held.part.run_id, held.part.segments[number], self._values(held, number))
+
+    def _values(self, held: HeldRun, number: int) -> dict[str, Value]:
+        values: dict[str, Value] = {}
+        for slot in range(held.part.segments[number].slots):
+            token = held.tokens.get((number, slot))
+            if token is not None:
+                values |= token.values
+        return values
+
+    def _after(self, held: HeldRun, number: int, now: float) -> list[Carry]:
+        """What follows from the end of a segment here; tokens for others are in `to_send`."""
+        over, effects = held.over[number], list[Carry]()
+        roads = self._roads(held, number, over)
+        if not roads:
+            return self._close(held, "failed" if over.failed else "done", over.failed, self._space, now)
+        for road in roads:
+            if road.space == self._space and (number, road.segment, road.slot) not in held.handed:
+                content = self._token(held, over, road)
+                effects += self.take_token(content, self._space, now)
+                if held.closed is not None:
+                    return effects
+                self._note(HandedOver(now, held.part.run_id, number, road.segment, road.slot))
+        return effects
+
+    def _roads(self, held: HeldRun, number: int, over: SegmentOver) -> tuple[Road, ...]:
+        segment = held.part.segments[number]
+        if over.ends:
+            return ()
+        if over.failed:
+            return () if segment.fails is None else (segment.fails,)
+        return segment.then
+
+    def _token(self, held: HeldRun, over: SegmentOver, road: Road) -> bytes:
+        values = {name: over.results[name] for name in road.needs if name in over.results}
+        part = held.part
+        token = Token(part.run_id, part.plan_hash, part.epoch, road.segment, road.slot, over.failed, values)
+        return encode_token(token, road.needs)
+
+    def _unfit(self, held: HeldRun, number: int, values: dict[str, Value]) -> str:
+        """Why a token of a segment cannot be made; empty where it can."""
+        over = SegmentOver(0.0, held.part.run_id, number, "", values)
+        try:
+            for road in held.part.segments[number].then:
+                self._token(held, over, road)
+        except TokenInvalid as error:
+            return str(error)
+        return ""
+
+    def _close(self, held: HeldRun, outcome: str, reason: str, by: int, now: float) -> list[Carry]:
+        active = held.active
+        self._note(RunClosed(now, held.part.run_id, outcome, reason, by))
+        return [Stop(held.part.run_id, active, reason or outcome)] if active else []
+
+    def _is_over(self, run_id: str, closed: RunClosed) -> RunRefused:
+        return RunRefused(f"run {run_id} is over here: {closed.outcome}{closed.reason and f', {closed.reason}'}")
+
+    def _note(self, fact: CarryFact) -> None:
+        self._journal(fact)
+        self._apply(fact)
+
+    def _apply(self, fact: CarryFact) -> None:
+        if isinstance(fact, PartTaken):
+            self.runs[fact.run_id] = HeldRun(decode_part(bytes.fromhex(fact.content)), fact.at)
+            return
+        held = self.runs.get(fact.run_id)
+        if held is None:
+            if isinstance(fact, RunClosed):
+                self._ended_before[fact.run_id] = fact
+                if len(self._ended_before) > MOST_KEPT:
+                    del self._ended_before[next(iter(self._ended_before))]
+            return  # else it is of a run that was forgotten
+        held.heard = max(held.heard, fact.at)
+        match fact:
+            case TokenTaken():
+                names = {number: segment.needs for number, segment in held.part.segments.items()}
+                token = decode_token(bytes.fromhex(fact.content), names)
+                held.tokens[token.segment, token.slot] = token
+            case SegmentBegun():
+                held.begun[fact.segment] = fact.at
+            case SegmentOver():
+                held.over[fact.segment] = fact
+            case HandedOver():
+                held.handed.add((fact.segment, fact.target, fact.slot))
+            case RunClosed():
+                held.closed = fact
+            case EndTold():
+                held.told.add(fact.space)

@@ -1,0 +1,231 @@
+"""What one bridge gets of a plan before anything begins: its own segments, and where their tokens go.
+
+JSON, compressed, since a part is sent once. Its hash is that of the whole plan: a token that was made for another plan
+is refused, and so is a second part for the same run with another one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from ua_fleet.carrying.fragments import decode_step, encode_step
+from ua_fleet.carrying.plan import Edge, Plan
+from ua_fleet.carrying.token import HASH_BYTES, MOST_RUN_ID, WHOLE
+from ua_fleet.errors import ScenarioError
+from ua_fleet.scenario import Scenario, Value
+from ua_fleet.scenario.model import Sequence, Task
+from ua_fleet.scenario.model import Step as ScenarioStep
+from ua_fleet.values import StatusCode
+
+__all__ = [
+    "MOST_PART_BYTES",
+    "Part",
+    "PartInvalid",
+    "PartSegment",
+    "Road",
+    "decode_part",
+    "encode_part",
+    "parts_of",
+    "segment_run",
+]
+
+VERSION: Final = 1
+MOST_PART_BYTES: Final = 32_000
+"""As it is sent: what one message has room for beside its head and signature."""
+MOST_JSON_BYTES: Final = 1_000_000
+"""Of what is in it."""
+
+
+class PartInvalid(ScenarioError):
+    """What came as a part is none, or one that this bridge cannot take."""
+
+    ua_status = StatusCode.BAD_INVALID_ARGUMENT
+    remedy = "Run the same version of ua-fleet, with the same fleet.yaml, in the server and in the bridges."
+
+
+@dataclass(frozen=True, slots=True)
+class Road:
+    """Where a token goes, and which names it has for its segment."""
+
+    segment: int
+    slot: int
+    space: int
+    needs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PartSegment:
+    """A segment as its bridge has it."""
+
+    number: int
+    slots: int
+    needs: tuple[str, ...]
+    then: tuple[Road, ...]
+    fails: Road | None
+    body: Sequence
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What a bridge has of a run."""
+
+    run_id: str
+    scenario: str
+    by: str
+    plan_hash: bytes
+    epoch: int
+    lease_s: float
+    spaces: tuple[int, ...]
+    """Of all bridges of the run: the end goes to them."""
+    parameters: Mapping[str, Value]
+    segments: Mapping[int, PartSegment]
+
+    def robots(self) -> frozenset[str]:
+        """The robots that its tasks name."""
+        bodies = [segment.body for segment in self.segments.values()]
+        tasks = [step for body in bodies for step in Scenario("", body).steps() if isinstance(step, Task)]
+        return frozenset([task.robot for task in tasks if task.robot is not None])
+
+
+def segment_run(run_id: str, segment: int) -> str:
+    """The id under which the engine of a bridge runs a segment: execution ids follow from it."""
+    return f"{run_id}.{segment}"
+
+
+def parts_of(
+    plan: Plan, run_id: str, scenario: str, parameters: Mapping[str, Value], by: str, epoch: int = 1
+) -> dict[int, Part]:
+    """The parts of all bridges, by their spaces."""
+    segments: dict[int, dict[int, PartSegment]] = {space: {} for space in plan.spaces}
+    for number, segment in enumerate(plan.segments):
+        segments[segment.space][number] = PartSegment(
+            number,
+            segment.slots,
+            segment.needs,
+            tuple([_road(plan, edge) for edge in segment.then]),
+            None if segment.fails is None else _road(plan, segment.fails),
+            Sequence("", 0, tuple(segment.steps)),
+        )
+
+    def made(space: int, plan_hash: bytes) -> Part:
+        return Part(
+            run_id,
+            scenario,
+            by,
+            plan_hash,
+            epoch,
+            plan.lease_s,
+            plan.spaces,
+            parameters,
+            segments[space],
+        )
+
+    whole = hashlib.sha256()
+    for space in plan.spaces:
+        whole.update(_json(made(space, b"")))
+    plan_hash = whole.digest()[:HASH_BYTES]
+    return {space: made(space, plan_hash) for space in plan.spaces}
+
+
+def _road(plan: Plan, edge: Edge) -> Road:
+    target = plan.segments[edge.segment]
+    return Road(edge.segment, edge.slot, target.space, target.needs)
+
+
+def _json(part: Part) -> bytes:
+    segments = [
+        {
+            "n": segment.number,
+            "slots": segment.slots,
+            "needs": segment.needs,
+            "then": [[road.segment, road.slot, road.space, road.needs] for road in segment.then],
+            "fails": None
+            if segment.fails is None
+            else [segment.fails.segment, segment.fails.slot, segment.fails.space],
+            "steps": [encode_step(step) for step in segment.body.steps],
+        }
+        for segment in part.segments.values()
+    ]
+    content = {
+        "version": VERSION,
+        "run": part.run_id,
+        "scenario": part.scenario,
+        "by": part.by,
+        "hash": part.plan_hash.hex(),
+        "epoch": part.epoch,
+        "lease_s": part.lease_s,
+        "spaces": part.spaces,
+        "parameters": dict(part.parameters),
+        "segments": segments,
+    }
+    return json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode()
+
+
+def encode_part(part: Part) -> bytes:
+    """A part as it is sent.
+
+    Raises:
+        PartInvalid: it is too large.
+    """
+    content = zlib.compress(_json(part), 9)
+    if len(content) > MOST_PART_BYTES:
+        raise PartInvalid(
+            f"the part of one bridge has {len(content)} bytes, and at most {MOST_PART_BYTES} are sent; "
+            "split the scenario, or run it orchestrated"
+        )
+    return content
+
+
+def decode_part(content: bytes) -> Part:
+    """The part that somebody has sent; raises PartInvalid."""
+    if len(content) > MOST_PART_BYTES:
+        raise PartInvalid(f"a part has at most {MOST_PART_BYTES} bytes, this one {len(content)}")
+    try:
+        inflating = zlib.decompressobj()
+        text = inflating.decompress(content, MOST_JSON_BYTES)
+        if inflating.unconsumed_tail or not inflating.eof:
+            raise PartInvalid(f"a part holds at most {MOST_JSON_BYTES} bytes")
+        data: Any = json.loads(text)
+        if data["version"] != VERSION:
+            raise PartInvalid(f"a part of version {data['version']!r}; this program reads version {VERSION}")
+        return _part(data)
+    except (zlib.error, KeyError, TypeError, ValueError, AttributeError, RecursionError, IndexError) as error:
+        raise PartInvalid(f"a part of a plan cannot be read: {error!r}") from error
+
+
+def _part(data: Any) -> Part:
+    run_id, plan_hash = str(data["run"]), bytes.fromhex(data["hash"])
+    if len(plan_hash) != HASH_BYTES or not run_id.isascii() or not 0 < len(run_id) <= MOST_RUN_ID:
+        raise PartInvalid("a part has a hash or a run id of another length")
+    segments = {int(one["n"]): _segment(one) for one in data["segments"]}
+    return Part(
+        run_id,
+        str(data["scenario"]),
+        str(data["by"]),
+        plan_hash,
+        int(data["epoch"]),
+        float(data["lease_s"]),
+        tuple([int(space) for space in data["spaces"]]),
+        dict(data["parameters"]),
+        segments,
+    )
+
+
+def _segment(data: Any) -> PartSegment:
+    steps: list[ScenarioStep] = [decode_step(step) for step in data["steps"]]
+    slots, fails = int(data["slots"]), data["fails"]
+    if not 0 < slots <= WHOLE:
+        raise PartInvalid(f"a segment has {slots} slots")
+    return PartSegment(
+        int(data["n"]),
+        slots,
+        tuple(data["needs"]),
+        tuple([Road(int(one[0]), int(one[1]), int(one[2]), tuple(one[3])) for one in data["then"]]),
+        None if fails is None else Road(int(fails[0]), int(fails[1]), int(fails[2])),
+        Sequence("", 0, tuple(steps)),
+    )

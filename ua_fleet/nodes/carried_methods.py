@@ -1,0 +1,75 @@
+"""The Methods of Scenarios for runs that bridges carry; see `ua_fleet.nodes.method_factory`.
+
+They are Methods of their own, since a Method whose arguments change is another one to every client.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from typing import Any, Final
+
+from ua_fleet.endpoint.hardened_server import HardenedServer
+from ua_fleet.endpoint.users import Role
+from ua_fleet.errors import ScenarioError, ScenarioInvalid, UaFleetError
+from ua_fleet.nodes.method_factory import NOT_FOUND, NOT_POSSIBLE, NOT_VALID, MethodArgument, MethodFactory, caller
+from ua_fleet.nodes.node_factory import NodeFactory
+from ua_fleet.nodes.scenario_nodes import SCENARIOS
+from ua_fleet.operation.runs.carried import CarriedRuns
+from ua_fleet.operation.runs.library import MOST_BYTES, ScenarioUnknown
+from ua_fleet.operation.runs.service import ScenarioService
+from ua_fleet.values import ARRAY, BuiltinType
+
+__all__ = ["CarriedMethods"]
+
+_TEXT: Final = int(BuiltinType.STRING)
+_TEXTS: Final = int(BuiltinType.STRING | ARRAY)
+_COUNTS: Final = int(BuiltinType.INT32 | ARRAY)
+_FLAG: Final = int(BuiltinType.BOOLEAN)
+_SCENARIO: Final = MethodArgument("Scenario", _TEXT, "name of a scenario of the folder, or the text of one")
+
+
+class CarriedMethods:
+    """Answers the Methods."""
+
+    def __init__(
+        self, server: HardenedServer, parts: NodeFactory, service: ScenarioService, carried: CarriedRuns
+    ) -> None:
+        """Make the Methods and let them be called."""
+        self._service, self._carried = service, carried
+        self._at_once = asyncio.Semaphore(1)
+        """What is read and split takes a thread; one at a time is enough."""
+        add = MethodFactory(server, parts, _code_of).add
+        add(SCENARIOS, "ValidateCarried", Role.OPERATOR, self._validate, (_SCENARIO,), (
+            MethodArgument("Valid", _FLAG, "whether bridges can carry a run of it"),
+            MethodArgument("Problems", _TEXTS, "all that is wrong with it, or keeps bridges from carrying it"),
+            MethodArgument("Lines", _COUNTS, "the line of each problem; 0 where it has none"),
+        ))  # fmt: skip
+        add(SCENARIOS, "RunCarried", Role.OPERATOR, self._run, (
+            _SCENARIO,
+            MethodArgument("ParameterNames", _TEXTS, "parameters of the scenario; the others have their defaults"),
+            MethodArgument("ParameterValues", _TEXTS, "their values, e.g. 20, true, left"),
+        ), (MethodArgument("RunId", _TEXT, "the run"),))  # fmt: skip
+
+    async def _validate(self, scenario: str) -> Sequence[Any]:
+        async with self._at_once:
+            checked, found = await asyncio.to_thread(self._carried.check, _short(scenario))
+        problems = checked.problems or found.problems
+        return not problems, [str(problem) for problem in problems], [problem.line for problem in problems]
+
+    async def _run(self, scenario: str, names: list[str], values: list[str]) -> Sequence[Any]:
+        async with self._at_once:
+            valid = await asyncio.to_thread(self._service.valid, _short(scenario))
+        return (self._carried.start(valid, names, values, caller().name),)
+
+
+def _short(scenario: str) -> str:
+    if len(scenario) > MOST_BYTES:
+        raise ScenarioError(f"a scenario has at most {MOST_BYTES} bytes")
+    return scenario
+
+
+def _code_of(error: UaFleetError) -> int:
+    if isinstance(error, ScenarioUnknown):
+        return NOT_FOUND
+    return NOT_VALID if isinstance(error, ScenarioInvalid) else NOT_POSSIBLE

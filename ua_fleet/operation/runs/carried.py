@@ -1,0 +1,463 @@
+"""Runs that bridges carry, as the server sees them: it gives each bridge its part, begins, and follows.
+
+    offering  each bridge is asked to take its part --all have-------------> beginning
+              one refuses, or does not answer in time ---------------------> closing, as failed: nothing has begun
+    beginning the first bridge is asked to take the token --it has---------> following
+              not in time: it may have begun ------------------------------> closing, as aborted
+    following pages of each bridge's facts; one says that the run is over, and there are no more facts --> ended
+              an operator aborts it ---------------------------------------> closing
+    closing   each bridge is told the end --all have acknowledged----------> ended
+
+A run that was following when the server ended is followed by the next one; one that had not begun is closed. A bridge
+that is away keeps the run from ending here, and is named; the run itself goes on without the server.
+"""
+
+from __future__ import annotations
+
+import secrets
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any, Final
+
+from ua_fleet.carrying import PlanView, Split, encode_part, parts_of, split
+from ua_fleet.carrying.token import Token, encode_token
+from ua_fleet.carrying.words import decode_words, encode_words
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, UaFleetError
+from ua_fleet.operation.log import Log, MistakeLog
+from ua_fleet.operation.runs.library import Checked, parameters_of
+from ua_fleet.operation.runs.service import ScenarioService, new_run_id
+from ua_fleet.operation.skills.commands import SkillCommands
+from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, Word, carry_topic
+from ua_fleet.pubsub.events import ActionReceived, DataReceived, SubscriberEvent
+from ua_fleet.scenario import Scenario
+from ua_fleet.scenario.effects import TaskWaits
+from ua_fleet.scenario.facts import (
+    Fact,
+    RunCarried,
+    RunClosing,
+    RunCreated,
+    RunEnded,
+    RunOutcome,
+    StepStarted,
+    decode_fact,
+    encode_fact,
+)
+from ua_fleet.scenario.parameters import checked_parameters
+from ua_fleet.skill.executions import EXECUTION_ID_BYTES, OutcomeKind, RequestOutcome, unpack
+from ua_fleet.topics import SERVER_SPACE
+from ua_fleet.values import Quality, quality_of
+from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
+
+__all__ = ["INSTANCE", "CarriedRuns"]
+
+INSTANCE: Final = "carried"
+"""Second part of the RequestorId with which bridges are asked."""
+OFFER_S: Final = 10.0
+"""So long all bridges have for their parts, and then the first one for the token."""
+ANSWER_S: Final = 2.0
+AGAIN_S: Final = 0.2
+"""A bridge that has not answered is asked again after so long."""
+FOLLOW_S: Final = 5.0
+"""A bridge whose robots say nothing new is asked what has become of a run after so long."""
+CLOSING_S: Final = 0.5
+"""The same for one that cannot hand over a token, and at the end, when no robot says anything."""
+NEWS_S: Final = 0.1
+"""One whose robot has begun or ended something is asked so long after that: it may hand over the token meanwhile."""
+ORDER_S: Final = 5.0
+"""So long facts wait for those of bridges that have not answered yet, which may have happened before."""
+MOST_JSON_BYTES: Final = 1_000_000
+"""Of one page, decompressed."""
+_OUTCOMES: Final = {"done": RunOutcome.DONE, "failed": RunOutcome.FAILED, "aborted": RunOutcome.ABORTED}
+
+
+class _Phase(Enum):
+    OFFERING = "offering"
+    BEGINNING = "beginning"
+    FOLLOWING = "following"
+    CLOSING = "closing"
+
+
+@dataclass(slots=True)
+class _Asked:
+    """What one bridge is asked for a run."""
+
+    is_done: bool = False
+    """Whether it has what it is told in this phase."""
+    is_asked: bool = False
+    next_at: float = 0.0
+    problem: str = "it has not answered yet"
+    count: int = 0
+    """Facts that were fetched."""
+    is_caught_up: bool = False
+    """Whether all was fetched once that it had: what the others say may be put in order with it."""
+    is_complete: bool = False
+    """Whether it has no more facts, and does nothing for the run."""
+
+
+@dataclass(slots=True)
+class _Run:
+    run_id: str
+    robots: frozenset[str]
+    phase: _Phase
+    bridges: dict[int, _Asked]
+    until: float = 0.0
+    """End of this phase by the monotonic clock, where it has one."""
+    parts: Mapping[int, bytes] = field(default_factory=dict[int, bytes])
+    token: bytes = b""
+    first: int = 0
+    """The space that gets the token."""
+    closed: tuple[float, str, str] | None = None
+    """When, how and why the run has ended, as a bridge says or the server has decided."""
+    fetched: list[Fact] = field(default_factory=list[Fact])
+    """Facts that are not in the journal yet: they are put in order with those of bridges that were not asked yet."""
+    fetched_at: float = 0.0
+    """When the first of them came, by the monotonic clock."""
+    known: set[str] = field(default_factory=set[str])
+    """Facts that are in the journal already, as lines."""
+    shown: str = ""
+
+
+class CarriedRuns:
+    """The carried runs of one server. `clock` is monotonic, `wall_s` the wall clock, both in seconds."""
+
+    def __init__(
+        self,
+        config: FleetConfig,
+        service: ScenarioService,
+        commands: Callable[..., SkillCommands],
+        *,
+        reserve: Callable[[str, str], None],
+        sooner: Callable[[], None],
+        clock: Callable[[], float],
+        wall_s: Callable[[], float],
+        mistakes: MistakeLog,
+        log: Log,
+    ) -> None:
+        """Go on with those of the journal; `service` has read it.
+
+        Args:
+            config: the fleet's.
+            service: shows and journals runs, and knows robots and scenarios.
+            commands: makes the requestor, given `instance`, `told` and `most_remembered`.
+            reserve: told which robot has no other tasks from now on, and why; with an empty text: that it may.
+            sooner: called when the next deadline may have come nearer.
+            clock: monotonic seconds.
+            wall_s: wall time.
+            mistakes: counts what has cost a run its turn.
+            log: gets the lines.
+        """
+        self._config, self._service, self._reserve, self._sooner = config, service, reserve, sooner
+        self._clock, self._wall_s, self._mistakes, self._log = clock, wall_s, mistakes, log
+        self._names = {bridge.space: name for name, bridge in config.bridges.items()}
+        self._asked: dict[bytes, Callable[[RequestOutcome], None]] = {}
+        self._commands = commands(instance=INSTANCE, told=self._told, most_remembered=1000)
+        self._runs: dict[str, _Run] = {}
+        self._statuses = {robot.skill_status for robot in service.robots.values()}
+        for record in service.carried:
+            has_begun = "" in record.state.started
+            run = self._runs[record.run_id] = _Run(
+                record.run_id,
+                _robots(service.check(f"{record.text}\n").scenario),
+                _Phase.FOLLOWING,
+                {space: _Asked() for space in record.state.carried},
+            )
+            run.known = {encode_fact(fact) for fact in service.facts_of(record.run_id)}
+            closing = record.state.closing
+            if closing is not None:
+                self._close(run, closing.outcome.value, closing.reason, is_noted=True)
+            elif not has_begun:
+                self._close(run, "aborted", "the server ended before every bridge had its part")
+            self._hold(run)
+
+    # People.
+
+    def view(self) -> PlanView:
+        """What splitting needs to know of the fleet now."""
+        bridges = self._config.bridges
+        model = self._service.robots.values()
+        of_server = {
+            name
+            for robot in model
+            for data_set in robot.data_sets
+            if data_set.topic.space == SERVER_SPACE
+            for name in (data_set.name, f"{robot.name}.{data_set.name}")
+        }
+        return PlanView(
+            self._service.fleet,
+            {robot.name: bridges[robot.bridge].space for robot in model if robot.bridge in bridges},
+            {bridge.space: frozenset(bridge.requestors) for bridge in bridges.values()},
+            frozenset(of_server),
+        )
+
+    def check(self, name_or_text: str) -> tuple[Checked, Split]:
+        """A scenario with its problems; where it has none, whether it can be carried and why not."""
+        checked = self._service.check(name_or_text)
+        if checked.problems:
+            return checked, Split(None, ())
+        return checked, split(checked.scenario, self.view())
+
+    def start(self, scenario: Scenario, names: Sequence[str], values: Sequence[str], by: str) -> str:
+        """Start a run of a valid scenario that bridges carry; its id. Whether it begins is seen in its state.
+
+        Raises:
+            ScenarioInvalid: it cannot be carried, or a parameter does not fit.
+            ScenarioError: too many runs are under way, or a robot has tasks in another run.
+            StorageUnavailable: it cannot be written down, and there is no run.
+        """
+        self._service.check_room(len(self._runs))
+        plan, problems = split(scenario, self.view())
+        if plan is None:
+            raise ScenarioInvalid([str(problem) for problem in problems])
+        robots = _robots(scenario)
+        for robot in sorted(robots):
+            if users := self._service.users_of(robot):
+                raise ScenarioError(f"{robot} has tasks in the run {users[0]}; wait for its end, or abort it")
+        parameters = checked_parameters(scenario, parameters_of(scenario, names, values))
+        now = self._wall_s()
+        run_id = new_run_id(now)
+        parts = parts_of(plan, run_id, scenario.name, parameters, by)
+        plan_hash = next(iter(parts.values())).plan_hash
+        run = _Run(run_id, robots, _Phase.OFFERING, {space: _Asked() for space in plan.spaces})
+        run.parts = {space: encode_part(part) for space, part in parts.items()}
+        run.first = plan.segments[0].space
+        run.token = encode_token(Token(run_id, plan_hash, 1, 0, 0), ())
+        run.until = self._clock() + OFFER_S
+        created = RunCreated(now, run_id, scenario.text, parameters, by)
+        self._service.note_first(run_id, [created, RunCarried(now, plan.spaces, plan_hash.hex())])
+        self._runs[run_id] = run
+        self._hold(run)
+        self._log.info("carried run started", run_id=run_id, scenario=scenario.name, by=by)
+        self._step(run, self._clock())
+        return run_id
+
+    def has(self, run_id: str) -> bool:
+        """Whether a run is under way that bridges carry."""
+        return run_id in self._runs
+
+    def abort(self, run_id: str, reason: str, by: str) -> None:
+        """End a run; every bridge is told until it has acknowledged. Raises StorageUnavailable."""
+        run = self._runs[run_id]
+        reason = " ".join(reason.split())[:200] or f"aborted by {by}"
+        if run.phase is not _Phase.CLOSING:
+            self._close(run, "aborted", reason, by=by)
+
+    def pause(self, run_id: str, by: str) -> None:
+        """No bridge is told to pause; raises ScenarioError."""
+        del by
+        raise ScenarioError(f"run {run_id} is carried by bridges and cannot be paused; abort it, or let it end")
+
+    def resume(self, run_id: str, by: str) -> None:
+        """Likewise."""
+        self.pause(run_id, by)
+
+    def answer(self, run_id: str, step: str, answer: str, by: str) -> None:
+        """Hand on to all bridges what an operator says of a task: the one that has asked takes it."""
+        run = self._runs[run_id]
+        content = encode_words(run=run_id, step=step, answer=answer, by=by)
+        for space in run.bridges:
+            self._ask(space, Word.ANSWER, content, lambda _outcome: None)
+
+    def _hold(self, run: _Run) -> None:
+        for robot in run.robots:
+            self._reserve(robot, f"is reserved for the run {run.run_id}, which bridges carry")
+
+    # What comes.
+
+    def announced(self, announcement: ActionMetaDataAnnouncement) -> None:
+        """Learn of an Action, where it is one of these."""
+        if announcement.data_set_writer_id == CARRY_ID and announcement.publisher_id in self._names:
+            self._commands.announced(announcement)
+
+    def receive(self, event: ActionReceived, now: float) -> None:
+        """Take responses."""
+        self._commands.receive(event, now)
+
+    def follow(self, event: SubscriberEvent) -> None:
+        """A robot has begun or ended something: its bridge has news of the run."""
+        if isinstance(event, DataReceived) and event.topic in self._statuses:
+            for run in self._runs.values():
+                if (asked := run.bridges.get(event.topic.space)) is not None and run.phase is _Phase.FOLLOWING:
+                    asked.next_at = min(asked.next_at, self._clock() + NEWS_S)
+                    self._sooner()
+
+    def _told(self, execution_id: bytes, outcome: RequestOutcome) -> None:
+        if (told := self._asked.pop(execution_id, None)) is not None:
+            told(outcome)
+
+    # Time.
+
+    def poll(self, now: float) -> None:
+        """Do what is due."""
+        self._commands.poll(now)
+        for run in list(self._runs.values()):
+            with self._mistakes.guard("carried runs", run_id=run.run_id):
+                self._step(run, now)
+
+    def next_deadline(self, now: float) -> float | None:
+        """When `poll` is to be called next, or None."""
+        deadlines = [asked.next_at for run in self._runs.values() for asked in run.bridges.values()]
+        if (due := self._commands.next_deadline()) is not None:
+            deadlines.append(due)
+        return max(now, min(deadlines)) if deadlines else None
+
+    def _step(self, run: _Run, now: float) -> None:
+        """Ask each bridge for what it is to be asked for in this phase, and see whether that is over."""
+        self._end_phase(run, now)
+        for space, asked in run.bridges.items():
+            if not asked.is_asked and now >= asked.next_at:
+                self._ask_for(run, space, asked, now)
+        self._show_waits(run)
+
+    def _show_fetched(self, run: _Run) -> None:
+        """Write down and show what was fetched, in the order in which it happened."""
+        is_late = self._clock() >= run.fetched_at + ORDER_S
+        if run.fetched and (is_late or all(asked.is_caught_up for asked in run.bridges.values())):
+            run.fetched.sort(key=lambda fact: fact.at)
+            self._service.note(run.run_id, run.fetched)
+            run.fetched = []
+
+    def _end_phase(self, run: _Run, now: float) -> None:
+        self._show_fetched(run)
+        is_late = now >= run.until
+        missing = [space for space, asked in run.bridges.items() if not asked.is_done]
+        match run.phase:
+            case _Phase.OFFERING if not missing:
+                self._enter(run, _Phase.BEGINNING, now + OFFER_S)
+            case _Phase.OFFERING if is_late:
+                why = "; ".join(f"{self._names[space]}: {run.bridges[space].problem}" for space in missing)
+                self._close(run, "failed", f"nothing was begun, since not every bridge has its part: {why}")
+            case _Phase.BEGINNING if run.bridges[run.first].is_done:
+                self._service.note(run.run_id, [StepStarted(self._wall_s(), "")])
+                self._enter(run, _Phase.FOLLOWING, 0.0)
+            case _Phase.BEGINNING if is_late:
+                why = run.bridges[run.first].problem
+                self._close(run, "aborted", f"{self._names[run.first]} has not said that it has begun: {why}")
+            case _Phase.FOLLOWING if run.closed is not None and all(a.is_complete for a in run.bridges.values()):
+                self._end(run)
+            case _Phase.CLOSING if not missing:
+                self._end(run)
+            case _:
+                pass
+
+    def _enter(self, run: _Run, phase: _Phase, until: float) -> None:
+        run.phase, run.until = phase, until
+        for asked in run.bridges.values():
+            asked.is_done, asked.next_at = False, 0.0
+            asked.problem = "" if phase is _Phase.FOLLOWING else "it has not answered yet"
+
+    def _ask_for(self, run: _Run, space: int, asked: _Asked, now: float) -> None:
+        asked.next_at = now + FOLLOW_S
+        match run.phase:
+            case _Phase.OFFERING if not asked.is_done:
+                word, content = Word.PART, run.parts[space]
+            case _Phase.BEGINNING if space == run.first and not asked.is_done:
+                word, content = Word.TOKEN, run.token
+            case _Phase.CLOSING if not asked.is_done:
+                _, outcome, reason = run.closed or (0.0, "aborted", "")
+                word, content = Word.END, encode_words(run=run.run_id, outcome=outcome, reason=reason)
+            case _Phase.FOLLOWING | _Phase.CLOSING:
+                word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.count)
+            case _:
+                return
+        phase = run.phase
+        asked.is_asked = self._ask(space, word, content, lambda out: self._answered(run, phase, space, word, out))
+        if not asked.is_asked:
+            asked.problem, asked.next_at = "it is not heard", now + AGAIN_S
+
+    def _ask(self, space: int, word: Word, content: bytes, told: Callable[[RequestOutcome], None]) -> bool:
+        """Ask a bridge; whether it could be."""
+        execution_id = secrets.token_bytes(EXECUTION_ID_BYTES)
+        topic, name = carry_topic(space, self._config.fleet.namespace_index), self._names[space]
+        self._asked[execution_id] = told
+        try:
+            arguments: dict[str, Any] = {"Word": int(word), "Content": content}
+            self._commands.request(topic, name, CARRY, arguments, ANSWER_S, execution_id)
+        except RobotOffline:
+            del self._asked[execution_id]
+            return False
+        except UaFleetError as error:
+            del self._asked[execution_id]
+            self._log.warning("a bridge cannot be asked for a carried run", bridge=name, reason=str(error))
+            return False
+        return True
+
+    def _answered(self, run: _Run, phase: _Phase, space: int, word: Word, outcome: RequestOutcome) -> None:
+        if run.run_id not in self._runs:
+            return
+        asked, report = run.bridges[space], outcome.report
+        asked.is_asked, asked.next_at = False, self._clock() + (FOLLOW_S if word is Word.FETCH else 0.0)
+        if outcome.kind is OutcomeKind.ACCEPTED and quality_of(report.status) is Quality.GOOD:
+            asked.problem = ""
+            if word is Word.FETCH:
+                self._take_page(run, asked, report.result)
+            elif phase is run.phase:
+                asked.is_done = True
+        else:
+            asked.problem = report.message or "it does not answer"
+            asked.next_at = self._clock() + AGAIN_S
+            if outcome.kind is OutcomeKind.REFUSED and phase is run.phase is _Phase.OFFERING:
+                run.until = self._clock()  # what was refused once is refused again
+        self._sooner()
+
+    def _take_page(self, run: _Run, asked: _Asked, result: bytes) -> None:
+        """The facts of one bridge, as they happened there."""
+        (packed,) = unpack(result)
+        words = decode_words(zlib.decompressobj().decompress(packed.value, MOST_JSON_BYTES), most=MOST_JSON_BYTES)
+        for line in words["facts"]:
+            asked.count += 1
+            fact = decode_fact(line)
+            is_ours = not isinstance(fact, RunCreated | RunEnded | RunClosing) and getattr(fact, "step", "x") != ""
+            if is_ours and (line := encode_fact(fact)) not in run.known:
+                run.known.add(line)
+                run.fetched_at = run.fetched_at if run.fetched else self._clock()
+                run.fetched.append(fact)
+        has_all = asked.count >= words["count"]
+        asked.is_complete, asked.is_caught_up = has_all and not words["active"], asked.is_caught_up or has_all
+        asked.problem = str(words["waits"])
+        if asked.problem or words["closed"] is not None:
+            asked.next_at = self._clock() + CLOSING_S
+        if words["closed"] is not None and run.closed is None:
+            at, outcome, reason = words["closed"]
+            run.closed = (float(at), str(outcome), str(reason))
+        if run.closed is not None:  # the others know it by now, or soon
+            for each in run.bridges.values():
+                each.next_at = min(each.next_at, self._clock() + CLOSING_S)
+        if not has_all:
+            asked.next_at = 0.0
+
+    # The end.
+
+    def _close(self, run: _Run, outcome: str, reason: str, *, by: str = "", is_noted: bool = False) -> None:
+        now = self._wall_s()
+        if not is_noted:
+            self._service.note(run.run_id, [RunClosing(now, _OUTCOMES[outcome], reason, by)])
+        run.closed = (now, outcome, reason)
+        self._enter(run, _Phase.CLOSING, 0.0)
+        self._sooner()
+
+    def _end(self, run: _Run) -> None:
+        at, outcome, reason = run.closed or (self._wall_s(), "aborted", "")
+        ended = _OUTCOMES.get(outcome, RunOutcome.FAILED)
+        said = reason if outcome in _OUTCOMES else f"the run is {outcome}: {reason}"
+        self._service.note(run.run_id, [RunEnded(at, ended, said)])
+        del self._runs[run.run_id]
+        for robot in run.robots:
+            self._reserve(robot, "")
+        self._log.info("carried run ended", run_id=run.run_id, outcome=outcome, reason=reason)
+
+    def _show_waits(self, run: _Run) -> None:
+        """Name the bridges that do not answer, and what they cannot hand over, while there are some."""
+        said = [f"{self._names[space]}: {asked.problem}" for space, asked in run.bridges.items() if asked.problem]
+        if run.phase is _Phase.FOLLOWING or run.phase is _Phase.CLOSING:
+            text = "; ".join(said)
+            if text != run.shown and run.run_id in self._runs:
+                run.shown = text
+                self._service.show_waiting(run.run_id, TaskWaits("", "bridges", "", "", text))
+
+
+def _robots(scenario: Scenario) -> frozenset[str]:
+    """The robots that tasks name."""
+    return frozenset([task.robot for task in scenario.tasks() if task.robot is not None])

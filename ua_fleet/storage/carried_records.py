@@ -1,0 +1,92 @@
+"""What a bridge records of the runs that it carries, in one SQLite file: its facts of them, the runs of their segments,
+and what it has asked robots to do.
+
+A fact is on the disk when `note` returns. The facts of segments are kept until their run is forgotten: the server
+fetches them, which may have been away for all of the run.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, Self
+
+from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
+from ua_fleet.errors import StorageUnavailable
+from ua_fleet.storage.database import Database
+from ua_fleet.storage.journal import EXECUTION_TABLES
+from ua_fleet.storage.request_journal import REQUEST_TABLES, RequestJournal
+from ua_fleet.storage.run_journal import RUN_TABLES, RunJournal
+
+__all__ = ["CARRIED_FILE", "CarriedRecords"]
+
+CARRIED_FILE: Final = "carried.db"
+"""In a bridge's `state_dir`."""
+_VERSION: Final = 1
+_FACTS: Final = (
+    "CREATE TABLE carried (number INTEGER PRIMARY KEY AUTOINCREMENT, run_id TEXT NOT NULL, line TEXT NOT NULL) STRICT",
+    "CREATE INDEX carried_of_run ON carried (run_id, number)",
+)
+
+
+class _KeptRuns(RunJournal):
+    """Forgets no segment by itself: its run may go on, or be asked about."""
+
+    def prune(self, kept: int) -> list[str]:
+        """Nothing is forgotten."""
+        del kept
+        return []
+
+
+class CarriedRecords:
+    """The file of one bridge. Every method raises StorageUnavailable where it cannot do its part."""
+
+    def __init__(self, state_dir: Path) -> None:
+        """Open it, or begin one; no other process can use it until `close`."""
+        tables = (*_FACTS, *REQUEST_TABLES, *EXECUTION_TABLES, *RUN_TABLES)
+        self._database = Database(state_dir / CARRIED_FILE, version=_VERSION, schema=tables)
+        self.runs: RunJournal = _KeptRuns(self._database)
+        """Of segments."""
+        self.requests = RequestJournal(self._database)
+        """What robots were asked to do for them."""
+
+    def close(self) -> None:
+        """Give the file free. Safe to call twice."""
+        self._database.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def note(self, fact: CarryFact) -> None:
+        """Write a fact down."""
+        statement = "INSERT INTO carried (run_id, line) VALUES (?, ?)"
+        self._database.commit((statement, (fact.run_id, encode_carry_fact(fact))))
+
+    def facts(self) -> list[CarryFact]:
+        """All facts, in the order in which they were written."""
+        try:
+            rows = self._database.read("SELECT line FROM carried ORDER BY number")
+            return [decode_carry_fact(line) for (line,) in rows]
+        except ValueError as error:
+            raise StorageUnavailable(
+                f"{self._database.path} holds a fact of a carried run that is none ({error}); see what the robots are"
+                " doing, then move the file away"
+            ) from error
+
+    def segments_of(self, run_id: str) -> list[str]:
+        """The ids under which segments of a run were run, in the order in which they began."""
+        head = f"{run_id}."
+        values = (len(head), head)
+        rows = self._database.read("SELECT run_id FROM runs WHERE substr(run_id, 1, ?) = ? ORDER BY number", values)
+        return [found for (found,) in rows]
+
+    def forget(self, run_id: str) -> None:
+        """Forget a run with its segments."""
+        head = f"{run_id}."
+        self._database.commit(
+            ("DELETE FROM facts WHERE substr(run_id, 1, ?) = ?", (len(head), head)),
+            ("DELETE FROM runs WHERE substr(run_id, 1, ?) = ?", (len(head), head)),
+            ("DELETE FROM carried WHERE run_id = ?", (run_id,)),
+        )

@@ -36,7 +36,7 @@ async def main(path: Path, robot: str, machine: Path) -> int:
             controller = Machine(machine)
             driver = RobotDriver(config, robot, bus, controller)
             space = config.bridges[name].space
-            transport = open_transport(config, path.parent, space=space, hears_itself=False)
+            transport = open_transport(config, path.parent, space=space)
             ready = partial(print, "ready", flush=True)
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(tell_values(config, robot, bus, controller))

@@ -121,6 +121,10 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     expect(page.get_by_role("heading", name="a, instead of left")).to_be_visible()
     expect(page.get_by_role("slider")).to_have_count(0)
     picture(page, "resilience-taken")
+    page.get_by_role("link", name=re.compile("^Run 20")).click()
+    expect(page.get_by_role("list", name="Steps")).to_contain_text("right")
+    page.go_back()
+    expect(page.get_by_role("heading", name="a, instead of left")).to_be_visible()
 
 
 def test_a_person_ends_the_run_in_place_of_choosing(open_page: Open, picture: Picture) -> None:

@@ -72,6 +72,8 @@ def test_the_library_says_which_scenarios_the_fleet_can_do(fleet: Fleet, open_pa
     watcher = open_page("observer", PLACE)
     fleet.plant.scenario("fitting", "  - {task: a, skill: work, capacity: paint}\n")
     expect(row(watcher, "fitting")).to_contain_text("1 problem")
+    row(watcher, "fitting").get_by_role("link").click()
+    expect(watcher.get_by_text("only who has the role Engineer stores scenarios")).to_be_visible()
 
 
 def test_a_scenario_is_duplicated_and_deleted(fleet: Fleet, open_page: Open) -> None:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ua_fleet.fleet.changes import ValueChanged
-from ua_fleet.history.backlog import Backlog
+from ua_fleet.history.backlog import Backlog, Full
 from ua_fleet.history.recorder import Recorder
 from ua_fleet.history.rows import BAD_DATA_LOST, Row
 from ua_fleet.history.rules import Rule
@@ -186,13 +186,17 @@ def row(time: int) -> Row:
 
 
 def test_what_comes_while_the_backlog_is_full_is_counted_and_marked() -> None:
-    backlog = Backlog(3)
+    backlog = Backlog(3, 1_000_000)
     backlog.add([(KEY, row(1)), (OTHER, row(2)), (KEY, row(3)), (KEY, row(4)), (KEY, row(5)), (OTHER, row(6))])
-    assert (backlog.lost, len(backlog), backlog.is_full) == (3, 3, True)
-    batch = backlog.take(2)
-    backlog.restore(batch)
-    assert backlog.take(10) == [(KEY, row(1)), (OTHER, row(2)), (KEY, row(3))]
-    backlog.add([(KEY, row(7)), (KEY, row(8))])
-    assert [(each.time, each.status) for _, each in backlog.take(10)] == [(4, BAD_DATA_LOST), (7, 0), (8, 0)]
-    backlog.add([(OTHER, row(9))])
-    assert [(each.time, each.status) for _, each in backlog.take(10)] == [(6, BAD_DATA_LOST), (9, 0)]
+    assert (backlog.lost, len(backlog)) == ({Full.ROWS: 3}, 3)
+    backlog.take()
+    backlog.restore()
+    assert backlog.take().rows == [(KEY, row(1)), (OTHER, row(2)), (KEY, row(3))]
+    backlog.taken()
+    backlog.add([(KEY, row(7)), (OTHER, row(8))])
+    marks = [(KEY, 4, BAD_DATA_LOST), (OTHER, 6, BAD_DATA_LOST)]
+    found = [(key, each.time, each.status) for key, each in backlog.take().rows]
+    assert found == [*marks, (KEY, 7, 0)]
+    assert backlog.lost == {Full.ROWS: 4}  # a mark takes a place, too
+    backlog.taken()
+    assert [(key, each.time, each.status) for key, each in backlog.take().rows] == [(OTHER, 8, BAD_DATA_LOST)]

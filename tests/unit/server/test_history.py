@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import threading
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -126,6 +127,24 @@ async def test_values_are_stored_and_a_read_sees_those_that_wait() -> None:
         assert (history.stored, history.waiting, history.problem) == (3, 0, "")
     assert [row.value for _, row in store.rows] == [1.0, 2.0, 3.0, 3.0]  # the end of the flat part, at the end
     assert store.is_closed
+
+
+async def test_rows_are_read_without_a_search_for_garbage_among_them() -> None:
+    def fail(_series: Series) -> bool:
+        raise ZeroDivisionError
+
+    async with service(Store(), Clock()) as history:
+        assert not await history.look(SPEED, lambda _series: gc.isenabled())
+        assert gc.isenabled()
+        with pytest.raises(ZeroDivisionError):
+            await history.look(SPEED, fail)
+        assert gc.isenabled()
+        gc.disable()
+        try:
+            await history.look(SPEED, values_in)
+            assert not gc.isenabled()  # as it was
+        finally:
+            gc.enable()
 
 
 async def test_the_store_is_told_that_the_server_lives() -> None:

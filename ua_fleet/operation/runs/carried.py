@@ -94,7 +94,7 @@ class _Asked:
     is_caught_up: bool = False
     """Whether all was fetched once that it had: what the others say may be put in order with it."""
     is_complete: bool = False
-    """Whether it has no more facts, and does nothing for the run."""
+    """Whether it knows that the run is over, does nothing for it, and has no more facts."""
 
 
 @dataclass(slots=True)
@@ -415,7 +415,9 @@ class CarriedRuns:
                 run.fetched_at = run.fetched_at if run.fetched else self._clock()
                 run.fetched.append(fact)
         has_all = asked.count >= words["count"]
-        asked.is_complete, asked.is_caught_up = has_all and not words["active"], asked.is_caught_up or has_all
+        asked.is_caught_up = asked.is_caught_up or has_all
+        # One that does not know yet that the run is over may have had a token since, and begun something.
+        asked.is_complete = has_all and not words["active"] and words["closed"] is not None
         asked.problem = str(words["waits"])
         if asked.problem or words["closed"] is not None:
             asked.next_at = self._clock() + CLOSING_S

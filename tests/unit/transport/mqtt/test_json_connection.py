@@ -272,6 +272,23 @@ def test_a_publisher_of_another_fleet_on_a_standard_topic() -> None:
     assert other.core.take_drops() == {Drop.NOT_ITS_TOPIC: 1}
 
 
+def test_a_writer_that_a_topic_names_need_not_name_itself() -> None:
+    """As open62541 with a topic for each DataSetWriter."""
+    one, other = Process(1), Process(0)
+    other.hear_all(one.begin())
+    message = {
+        "MessageId": "m",
+        "MessageType": "ua-data",
+        "PublisherId": "1",
+        "WriterGroupName": "group-2",
+        "Messages": [{"DataSetWriterId": 1001, "Payload": {"level": 1.5, "name": "a"}}],
+    }
+    assert values(other.hear("opcua/json/data/1/group-2/arm", message)) == [(1.5, "a")]
+    message["Messages"] = [{"DataSetWriterId": 1002, "Payload": {"level": 1.5, "name": "a"}}]
+    assert other.hear("opcua/json/data/1/group-2/arm", message) == []
+    assert other.core.take_drops() == {Drop.NOT_ITS_TOPIC: 1}
+
+
 # What is refused.
 
 NOT_ITS: list[tuple[str, Any]] = [

@@ -154,7 +154,7 @@ class JsonReader:
             raise NotItsTopic
         plain: list[bytes] = []
         for source in data.sources:  # all of them, before anything of one is taken
-            _check_data(place, source)
+            self._check_data(place, source)
         for message, source in zip(data.message.messages, data.sources, strict=True):
             writer_id = self._writer_id(source)
             if writer_id is None or source.publisher_id is None:
@@ -178,6 +178,26 @@ class JsonReader:
                 plain += self._encoded(source.publisher_id, ns, message)
         self._count_lost()
         return plain
+
+    def _check_data(self, place: Place, source: Source) -> None:
+        """Raise NotItsTopic for data of another DataSetWriter than its topic says."""
+        queue, group, publisher = place.source, source.writer_group_name, source.publisher_id or ""
+        if queue is not None:
+            ns = None if group is None else group_number(group)
+            said = source.publisher_id, queue.ns if ns is None else ns, source.data_set_writer_id
+            if said != (str(queue.space), queue.ns, queue.id):
+                raise NotItsTopic
+            return
+        if level_of(publisher) != place.publisher or level_of(group or "") != place.names[0]:
+            raise NotItsTopic
+        if len(place.names) > 1:
+            if source.data_set_writer_name is not None:
+                is_its = level_of(source.data_set_writer_name) == place.names[1]
+            else:  # its number alone: metadata has told which one has this name
+                known = self._descriptions.writer_id(publisher, unquote(place.names[1]))
+                is_its = known in (None, source.data_set_writer_id)
+            if not is_its:
+                raise NotItsTopic
 
     def _held(self, source: Source, ns: int | None, message: DataSetMessage, now: float) -> list[Shown] | None:
         """Hold a message that has no metadata; None for one that has, or that is of no source of a fleet."""
@@ -304,21 +324,6 @@ def _source_of(place: Place) -> Source:
     names = [unquote(level) for level in place.names]
     group, writer = (*names, None, None)[:2]
     return Source(unquote(place.publisher), group, None, writer)
-
-
-def _check_data(place: Place, source: Source) -> None:
-    """Raise NotItsTopic for data of another DataSetWriter than its topic says."""
-    queue, group = place.source, source.writer_group_name
-    if queue is not None:
-        ns = None if group is None else group_number(group)
-        said = source.publisher_id, queue.ns if ns is None else ns, source.data_set_writer_id
-        if said != (str(queue.space), queue.ns, queue.id):
-            raise NotItsTopic
-        return
-    if level_of(source.publisher_id or "") != place.publisher or level_of(group or "") != place.names[0]:
-        raise NotItsTopic
-    if len(place.names) > 1 and level_of(source.data_set_writer_name or "") != place.names[1]:
-        raise NotItsTopic
 
 
 @lru_cache(maxsize=1024)

@@ -180,26 +180,25 @@ class Actions:
     def receive(self, event: ActionReceived, now: float) -> None:
         """Take a request. Its origin, for the loop rule, is the space of its requestor."""
         message = event.message
-        name = RequestorName.parse(message.requestor_id)
-        if name is not None and self._rule(Side.PUBSUB, name.space, self._space, False) is not LoopVerdict.TO_SPACE:
-            self._counters.drop(Drop.LOOP, 1 + len(message.others))
-            return
-        reply_to = self._answer_address(message.response_address, event.sender) if event.sender is not None else None
+        reply_to = event.sender
+        if reply_to is not OWN:
+            name = RequestorName.parse(message.requestor_id)
+            if name is not None and self._rule(Side.PUBSUB, name.space, self._space, False) is not LoopVerdict.TO_SPACE:
+                self._counters.drop(Drop.LOOP, 1 + len(message.others))
+                return
+            reply_to = None if reply_to is None else self._answer_address(message.response_address, reply_to)
         if reply_to is None:
             self._counters.drop_malformed("response_address")
             return
-        self._receive(message, reply_to, event.verified, now)
-
-    def receive_own(self, message: ActionMessage, now: float) -> None:
-        """Take a request of who carries runs in this process; `answer_own` gets what is said to it."""
-        self._receive(message, OWN, True, now)
-
-    def _receive(self, message: ActionMessage, reply_to: tuple[str, int], verified: bool, now: float) -> None:
         effects = self._recorded(
-            lambda: self._responder.receive(message, reply_to, now, self._wall_ticks(), verified=verified), now
+            lambda: self._responder.receive(message, reply_to, now, self._wall_ticks(), verified=event.verified), now
         )
         self._do(effects or (), now)
         self._settle(now)
+
+    def receive_own(self, message: ActionMessage, now: float) -> None:
+        """Take a request of who carries runs in this process; `answer_own` gets what is said to it."""
+        self.receive(ActionReceived(message, OWN, verified=True), now)
 
     def from_driver(self, fact: ExecutionFact, now: float) -> None:
         """Take what the driver tells of an execution."""

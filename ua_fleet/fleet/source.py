@@ -257,9 +257,9 @@ class Source:
         self.is_refused = True
         return self._show([(field, _REFUSED) for field in self.fields])
 
-    def return_(self) -> list[Change]:
-        """The source says that its last values are of now."""
-        return self._show([(field, field.status) for field in self.fields])
+    def return_(self, *, is_followed: bool = False) -> list[Change]:
+        """The source says that its last values are of now; where new ones follow, these are not, and never look so."""
+        return self._show([(field, field.status) for field in self.fields if field.status >> 31 or not is_followed])
 
     def age(self) -> list[Change]:
         """The source is there, and its last values may be of an earlier life of it, or too old."""

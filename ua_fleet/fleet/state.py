@@ -309,7 +309,7 @@ class FleetState:
         source = self._sources.get(event.topic)
         if source is None:
             return []
-        changes = source.return_() if isinstance(event, SourceReturned) else source.age()
+        changes = source.age() if isinstance(event, SourceStale) else source.return_(is_followed=event.is_followed)
         self._look_at_quality(source)
         if not source.alive:
             source.alive = True

@@ -75,12 +75,11 @@ class SourceStale(NamedTuple):
 
 
 class SourceReturned(NamedTuple):
-    """The last value of a silent or stale source is of now again (data, a repeat, or a keep-alive that says so).
-
-    A DataReceived, where there is one, follows.
-    """
+    """The last value of a silent or stale source is of now again (data, a repeat, or a keep-alive that says so)."""
 
     topic: Topic
+    is_followed: bool = False
+    """Whether its new value follows, in a DataReceived: the last one is of now no more then."""
 
 
 class SourceRefused(NamedTuple):

@@ -51,8 +51,10 @@ class Liveness:
         """Follow a silent writer no longer."""
         self._silent.pop(writer, None)
 
-    def attest(self, writer: RemoteWriter, now: float, events: list[SubscriberEvent]) -> None:
-        """The last value of a writer is of now."""
+    def attest(
+        self, writer: RemoteWriter, now: float, events: list[SubscriberEvent], *, is_followed: bool = False
+    ) -> None:
+        """The last value of a writer is of now, or the one that follows at once."""
         if writer.max_age_s is not None and not writer.says_max_age and writer.said_at + writer.max_age_s <= now:
             self.live(writer, now, events)
             return
@@ -61,7 +63,7 @@ class Liveness:
             self._silent.pop(writer, None)
             writer.silent = writer.stale = False
             self.add(writer)
-            events.append(SourceReturned(writer.topic))
+            events.append(SourceReturned(writer.topic, is_followed))
 
     def live(self, writer: RemoteWriter, now: float, events: list[SubscriberEvent]) -> None:
         """A writer is there, and what its value is now is not known."""

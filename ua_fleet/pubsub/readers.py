@@ -136,7 +136,7 @@ class DataSetReaders:
         writer.hand_on(frame)
         writer.alive_at = writer.attested_at = writer.said_at = now
         if writer.silent or writer.stale:
-            self._attest(writer, now, events)
+            self._attest(writer, now, events, is_followed=True)
         elif is_first and writer.max_age_s is not None:
             self._liveness.add(writer)
         else:
@@ -231,10 +231,12 @@ class DataSetReaders:
         if writer.gaps != gaps:
             self._probes.want(writer.key, now)  # who is asked says its last message again
 
-    def _attest(self, writer: RemoteWriter, now: float, events: list[SubscriberEvent]) -> None:
+    def _attest(
+        self, writer: RemoteWriter, now: float, events: list[SubscriberEvent], *, is_followed: bool = False
+    ) -> None:
         if writer.silent:
             self._returned(writer.topic)
-        self._liveness.attest(writer, now, events)
+        self._liveness.attest(writer, now, events, is_followed=is_followed)
 
     def _bind(self, writer: RemoteWriter, message: DataSetMessage, now: float, events: list[SubscriberEvent]) -> bool:
         """Find the metadata of a message's version; if it is not known, see to it that it is probed for."""

@@ -221,10 +221,12 @@ async def test_a_relay_that_is_killed_loses_nothing_that_is_retained_and_says_me
     one, relay = apart.bridge("one"), apart.relay()
     async with serving(apart.folder, apart.config) as running, running.client(OBSERVER) as client:
         first = reader(client, FIRST)
-        before = await until(first, lambda data: data.StatusCode.is_good())
+        ended = await until(first, lambda data: data.StatusCode.is_good())
         one.end()
         one = apart.bridge("one")  # says that it is Operational, as it begins
-        await until(first, lambda data: data.StatusCode.is_good())
+        before = await until(
+            first, lambda data: data.StatusCode.is_good() and data.Value.Value > ended.Value.Value + 10
+        )
         relay.end(signal.SIGKILL)
         await until(first, lambda data: data.StatusCode.name == "BadNoCommunication")
         late = listening(processes, broker, metadata, status)

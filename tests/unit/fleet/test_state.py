@@ -87,6 +87,19 @@ def test_a_source_that_returns_has_its_last_value_again() -> None:
     assert not fleet.state.apply(SourceReturned(SPEED), fleet.now)
 
 
+def test_a_source_that_returns_with_a_new_value_never_shows_the_old_one_as_of_now() -> None:
+    """That a value was written at once, and the next one up to 100 ms later, made clients read an old one as Good."""
+    fleet = Fleet()
+    fleet.speed(0.5, 77)
+    fleet.state.apply(SourceSilent(SPEED), fleet.now)
+    back = fleet.state.apply(SourceReturned(SPEED, is_followed=True), fleet.now)
+    assert 1001 not in values(back)
+    assert fleet.state.is_alive(SPEED)
+    changes = [change for change in fleet.speed(0.6, 78) if isinstance(change, ValueChanged)]
+    (new,) = [change for change in changes if change.key.identifier == 1001]
+    assert (new.value, new.status, new.can_wait) == (0.6, 0, False)
+
+
 def test_silence_of_a_source_without_data_goes_back_to_waiting() -> None:
     fleet = Fleet()
     silent = fleet.state.apply(SourceSilent(SPEED), fleet.now)

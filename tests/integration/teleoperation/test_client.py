@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Callable
 from contextlib import AbstractAsyncContextManager, aclosing
 from pathlib import Path
 
@@ -37,11 +37,11 @@ def connect(made: Floor, user: tuple[str, str]) -> AbstractAsyncContextManager[F
     return FleetClient.connect(made.running.url, user=user[0], password=user[1], identity=identity)
 
 
-async def drive_for(lease: DrivingLease, seconds: float, **values: float) -> None:
-    until_at = asyncio.get_running_loop().time() + seconds
-    while asyncio.get_running_loop().time() < until_at:
-        await lease.drive(values)
-        await asyncio.sleep(0.02)
+async def drive_until(lease: DrivingLease, is_so: Callable[[], bool], **values: float) -> None:
+    async with asyncio.timeout(30):
+        while not is_so():
+            await lease.drive(values)
+            await asyncio.sleep(0.02)
 
 
 async def test_a_robot_is_held_while_the_context_lasts(made: Floor) -> None:
@@ -50,8 +50,8 @@ async def test_a_robot_is_held_while_the_context_lasts(made: Floor) -> None:
         assert info.axes[0] == AxisInfo("linear", "", 0.5, 1.0, 2.0, 20.0)
         assert (info.deadman_s, info.lease_s, info.robot_timeout_s) == (DEADMAN_MS / 1000, 5.0, 10.0)
         async with driving(client, info) as lease:
-            await drive_for(lease, 1.5, angular=0.3, linear=0.4)
-            assert made.carrier.written[-1] == pytest.approx((0.4, 0.3))
+            wish = pytest.approx((0.4, 0.3))
+            await drive_until(lease, lambda: made.carrier.written[-1:] == [wish], angular=0.3, linear=0.4)
             assert lease.status.is_good
             assert lease.status.holder == "oscar"
             assert lease.status.last_number > 0

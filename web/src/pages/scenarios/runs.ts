@@ -136,7 +136,30 @@ export function attemptsOf(facts: readonly Fact[], tasks: readonly TaskRow[]): A
     const ended = to === null ? '' : one.state === 'done' ? 'done' : 'failed';
     all.set(key, { ...(known ?? { key, step, task, robot, attempt }), from, to, outcome: known?.outcome || ended });
   }
-  return [...all.values()];
+  return inOrder([...all.values()]);
+}
+
+/** As they began; what began before anybody looked began first. */
+const inOrder = (all: Attempt[]): Attempt[] => all.sort((a, b) => (a.from ?? -Infinity) - (b.from ?? -Infinity) || 0);
+
+/** Attempts as they are told of now, and those that were told of before: of a task the server keeps only the last one. */
+export function withEarlier(now: readonly Attempt[], before: readonly Attempt[]): Attempt[] {
+  const known = new Set(now.map((one) => one.key));
+  // Of one that was not over then nobody knows when it ended.
+  return inOrder([...now, ...before.filter((one) => !known.has(one.key) && one.to !== null)]);
+}
+
+const MOST_RUNS_KEPT = 50;
+const kept = new Map<string, readonly Attempt[]>();
+
+/** What this page was told of a run's attempts, however often its view is left and opened again. */
+export const attemptsKept = (fleet: string, run: string): readonly Attempt[] => kept.get(`${fleet}/${run}`) ?? [];
+
+/** Keep what was told of a run's attempts, for so many runs: those that were told of last. */
+export function keepAttempts(fleet: string, run: string, attempts: readonly Attempt[]): void {
+  kept.delete(`${fleet}/${run}`);
+  kept.set(`${fleet}/${run}`, attempts);
+  for (const key of [...kept.keys()].slice(0, -MOST_RUNS_KEPT)) kept.delete(key);
 }
 
 /** Where a bar stands between the times of a chart, in parts of its width. */

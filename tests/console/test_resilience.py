@@ -138,7 +138,6 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     expect(attempts).to_contain_text(re.compile("left · .*right · ", re.DOTALL))
     picture(page, "run-gantt-attempts")
     page.go_back()
-    page.go_back()
     expect(page.get_by_role("heading", name="a, instead of left")).to_be_visible()
 
 

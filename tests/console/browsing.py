@@ -48,7 +48,7 @@ _BEYOND: Final = """(() => {
 _STRETCHED: Final = """([widest, longest]) => {
   const said = (one, px) => `${one.tagName.toLowerCase()} ${one.getAttribute('aria-label') || one.innerText || ''}`
     .slice(0, 60) + ` is ${Math.round(px)} px wide`;
-  const seen = one => one.checkVisibility() && !one.closest('.unseen, .cm-editor');
+  const seen = one => one.checkVisibility() && !one.closest('.unseen, .cm-editor, .panels + .time');
   const controls = [...document.querySelectorAll('button, select, input, textarea, progress')].filter(seen)
     .map(one => [one, one.getBoundingClientRect().width]).filter(([, px]) => px > widest);
   const texts = [...document.querySelectorAll('p, dd')].filter(seen).flatMap(one => {
@@ -59,7 +59,10 @@ _STRETCHED: Final = """([widest, longest]) => {
   });
   return [...controls, ...texts].map(([one, px]) => said(one, px));
 }"""
-"""Controls that are wider than anybody needs, and lines of text that are longer than anybody reads."""
+"""Controls that are wider than anybody needs, and lines of text that are longer than anybody reads.
+
+The slider of a chart is as wide as what it slides over.
+"""
 WIDEST_CONTROL_PX: Final = 1000
 LONGEST_LINE_PX: Final = 1200
 _MOST_TABS: Final = 80

@@ -4,6 +4,7 @@ import {
   attemptsOf,
   barOf,
   keepAttempts,
+  labelPlaces,
   linesOf,
   mergedFacts,
   placeOf,
@@ -154,6 +155,22 @@ describe('barOf', () => {
     expect(of(1250, 1500)).toEqual({ left: 0.25, width: 0.25 });
     expect(of(null, null)).toEqual({ left: 0, width: 1 });
     expect(of(0, 9000)).toEqual({ left: 0, width: 1 });
+  });
+});
+
+describe('labelPlaces', () => {
+  const of = (...bars: [number, number][]) =>
+    labelPlaces(
+      bars.map(([left, width]) => ({ left, width })),
+      0.1,
+    );
+  it('has a text in its bar, or beside it where nothing else stands', () => {
+    expect(of([0, 0.1])).toEqual(['in']);
+    expect(of([0, 0.02])).toEqual(['after']);
+    expect(of([0.95, 0.05])).toEqual(['before']);
+    expect(of([0.85, 0.02], [0.9, 0.05])).toEqual(['before', 'nowhere']);
+    expect(of([0, 0.02], [0.15, 0.02], [0.2, 0.02])).toEqual(['after', 'nowhere', 'after']);
+    expect(of([0.05, 0.02], [0.08, 0.9])).toEqual(['nowhere', 'in']);
   });
 });
 

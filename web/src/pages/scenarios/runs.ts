@@ -170,6 +170,20 @@ export function barOf(attempt: Attempt, first: number, last: number): { left: nu
   return { left, width: Math.max(0, part(attempt.to ?? last) - left) };
 }
 
+export type LabelPlace = 'in' | 'after' | 'before' | 'nowhere';
+
+/** Where the texts of a line's bars have room, each of `room` as a part of the chart's width; the bars in their order. */
+export function labelPlaces(bars: readonly { left: number; width: number }[], room: number): LabelPlace[] {
+  let taken = 0;
+  return bars.map(({ left, width }, at) => {
+    const end = left + width;
+    const isAfter = (bars[at + 1]?.left ?? 1) - end >= room;
+    const place = width >= room ? 'in' : isAfter ? 'after' : left - taken >= room ? 'before' : 'nowhere';
+    taken = Math.max(taken, place === 'after' ? end + room : end);
+    return place;
+  });
+}
+
 const STEPS_S = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
 
 /** Times in seconds from the beginning that a chart of so many seconds has lines at: few, and round ones. */

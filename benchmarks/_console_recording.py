@@ -26,6 +26,8 @@ from typing import Any, Final, NamedTuple, cast
 import uvicorn
 
 from benchmarks._console_fleet import PEOPLE, live_fleet, robot_name
+from benchmarks._quiet import expect_quiet
+from benchmarks.harness import Unavailable
 from tests import system
 from tests.console.conftest import FLEET, TITLE
 from tests.integration.console.harness import Browser
@@ -129,9 +131,9 @@ async def _trouble(browser: Browser) -> None:
         await asyncio.sleep(FAULTS_EVERY_S)
 
 
-def write(recording: Recording) -> None:
-    FILE.parent.mkdir(parents=True, exist_ok=True)
-    with gzip.open(FILE, "wt", encoding="utf-8", compresslevel=6) as file:
+def write(recording: Recording, file_path: Path = FILE) -> None:
+    file_path.parent.mkdir(parents=True, exist_ok=True)
+    with gzip.open(file_path, "wt", encoding="utf-8", compresslevel=6) as file:
         head = {"began": recording.began.isoformat(), "seconds": recording.seconds}
         file.write(json.dumps(head) + "\n")
         file.writelines(json.dumps(one, ensure_ascii=False) + "\n" for one in recording.told)
@@ -144,12 +146,17 @@ def read() -> Recording:
     return Recording(datetime.fromisoformat(head["began"]), head["seconds"], told)
 
 
-def recorded(seconds: float = SECONDS) -> None:
-    """Have the recording; it is made once."""
-    if FILE.exists():
+def recorded(seconds: float = SECONDS, file: Path = FILE) -> None:
+    """Have the recording; it is made once, on a machine that is left to it: what comes late is in it for ever.
+
+    Raises:
+        Unavailable: the machine is busy.
+    """
+    if file.exists():
         return
+    expect_quiet()
     with tempfile.TemporaryDirectory() as folder, live_fleet(ROBOTS, Path(folder)) as running:
-        write(asyncio.run(record(running.console.url, seconds)))
+        write(asyncio.run(record(running.console.url, seconds)), file)
 
 
 # ---------------------------------------------------------------------- play
@@ -285,8 +292,13 @@ def main() -> None:
     if what == "play":
         asyncio.run(play(Path(options[0]) if options else None))
     else:
-        FILE.unlink(missing_ok=True)
-        recorded(float(options[0]) if options else SECONDS)
+        made = FILE.with_suffix(".new")
+        made.unlink(missing_ok=True)
+        try:
+            recorded(float(options[0]) if options else SECONDS, made)
+        except Unavailable as reason:
+            sys.exit(f"not recorded: {reason}")
+        made.replace(FILE)
         print(f"{FILE}: {FILE.stat().st_size} bytes")
 
 

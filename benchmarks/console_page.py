@@ -20,6 +20,7 @@ from playwright.sync_api import Browser, expect
 
 from benchmarks._console_page import Heap, empty, frames, opened, part, receiving, scripts_kb, traced, work_of
 from benchmarks._console_recording import WANTED, recorded
+from benchmarks._quiet import expect_quiet
 from benchmarks.harness import FEWEST_ROUNDS, Figure, Unavailable, at_most, merge_results, shown, within
 from tests import system
 from tests.console.browsing import chromium
@@ -59,6 +60,7 @@ def playing() -> Generator[str]:
     for part_of_system in ("chromium", "npm"):
         if reason := system.missing(part_of_system):
             raise Unavailable(reason)
+    expect_quiet()
     recorded()
     with Processes() as processes:
         child = processes.start(sys.executable, "-m", "benchmarks._console_recording", "play")
@@ -166,11 +168,14 @@ def main() -> None:
     from benchmarks.__main__ import RESULTS, print_table
 
     what, *options = sys.argv[1:]
-    if what == "heap":
-        found = heap_figures(float(options[0]) if options else HEAP_UNTIL_MIN)
-        merge_results(RESULTS, "console_heap", found)
-    else:
-        found = figures(names=(what, *options))
+    try:
+        if what == "heap":
+            found = heap_figures(float(options[0]) if options else HEAP_UNTIL_MIN)
+            merge_results(RESULTS, "console_heap", found)
+        else:
+            found = figures(names=(what, *options))
+    except Unavailable as reason:
+        sys.exit(f"console_page: {reason}")
     print_table({"console": found})
 
 

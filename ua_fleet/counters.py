@@ -99,7 +99,7 @@ class Drop(StrEnum):
     TYPE_MISSING = "type_missing"
     """The message type does not exist in this space."""
     CONVERSION = "conversion"
-    """A value that cannot be converted to the type on the other side."""
+    """A value that cannot be converted to the type on the other side, or is larger than a message may be."""
     INCOMPATIBLE_QOS = "incompatible_qos"
     """A ROS 2 publisher and subscriber whose qualities of service do not match: nothing passes between the two."""
     UNLINKED = "unlinked"

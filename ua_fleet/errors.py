@@ -6,6 +6,7 @@
       TopicInvalid(text)                         a name that is no `ua_<space>_<ns>_<id>`
       WireError
         LocalWireError                           we tried to send something that cannot be encoded: our bug
+          MessageTooLarge                        a robot, or a file, says more than one message may have
         RemoteWireError(cause)                   a peer sent bytes that break the rules: count, drop, go on
       TransportError
         NotConnected
@@ -48,6 +49,7 @@ __all__ = [
     "KeysRefused",
     "LeaseRefused",
     "LocalWireError",
+    "MessageTooLarge",
     "NoCandidate",
     "NotConnected",
     "RemoteWireError",
@@ -141,6 +143,13 @@ class LocalWireError(WireError):
 
     ua_status = StatusCode.BAD_ENCODING_ERROR
     remedy = "Report it: a program of ours built a message that cannot be encoded."
+
+
+class MessageTooLarge(LocalWireError):
+    """More than one message may have; nothing of it is sent."""
+
+    ua_status = StatusCode.BAD_ENCODING_LIMITS_EXCEEDED
+    remedy = "Send less in one message, or raise `pubsub.max_message_bytes` in fleet.yaml."
 
 
 class RemoteWireError(WireError):

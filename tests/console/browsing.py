@@ -45,6 +45,26 @@ _BEYOND: Final = """(() => {
   return [all.scrollWidth - all.clientWidth, framed ? all.scrollHeight - all.clientHeight : 0];
 })()"""
 """How much a page is wider and higher than the window. Only what is within the frame is scrolled downwards."""
+_STRETCHED: Final = """([widest, longest]) => {
+  const said = (one, px) => `${one.tagName.toLowerCase()} ${one.getAttribute('aria-label') || one.innerText || ''}`
+    .slice(0, 60) + ` is ${Math.round(px)} px wide`;
+  const seen = one => one.checkVisibility() && !one.closest('.unseen, .cm-editor, .panels + .time');
+  const controls = [...document.querySelectorAll('button, select, input, textarea, progress')].filter(seen)
+    .map(one => [one, one.getBoundingClientRect().width]).filter(([, px]) => px > widest);
+  const texts = [...document.querySelectorAll('p, dd')].filter(seen).flatMap(one => {
+    const range = document.createRange();
+    range.selectNodeContents(one);
+    const px = Math.max(0, ...[...range.getClientRects()].map(line => line.width));
+    return px > longest ? [[one, px]] : [];
+  });
+  return [...controls, ...texts].map(([one, px]) => said(one, px));
+}"""
+"""Controls that are wider than anybody needs, and lines of text that are longer than anybody reads.
+
+The slider of a chart is as wide as what it slides over.
+"""
+WIDEST_CONTROL_PX: Final = 1000
+LONGEST_LINE_PX: Final = 1200
 _MOST_TABS: Final = 80
 _RULES: Final = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
 
@@ -111,6 +131,12 @@ def tabbed_to(page: Page, wanted: Locator, *, back: bool = False) -> None:
     raise AssertionError(f"Tab never came to {wanted}: {met}")
 
 
+def stretched(page: Page) -> list[str]:
+    """What a wide window stretches."""
+    found: list[str] = page.evaluate(_STRETCHED, [WIDEST_CONTROL_PX, LONGEST_LINE_PX])
+    return found
+
+
 def show(page: Page, theme: str, width: int) -> None:
     """Have the page in a theme at a width, as a browser of a system with it would."""
     page.set_viewport_size({"width": width, "height": _HEIGHTS[width]})
@@ -129,6 +155,8 @@ def pictures(page: Page, name: str) -> list[str]:
             page.screenshot(path=PICTURES / f"{name}-{width}-{theme}.png")
             if width != WIDEST:  # whose elements are the same
                 wrong += [f"{theme}, {width} px: {one}" for one in axe_violations(page)]
+            elif theme == THEMES[0]:
+                wrong += [f"{width} px: {one}" for one in stretched(page)]
             beyond: list[int] = page.evaluate(_BEYOND)
             for pixels, how in zip(beyond, ("wider", "higher"), strict=True):
                 if pixels > 0:

@@ -23,7 +23,7 @@ WAIT_MS: Final = 30_000
 """A console waits up to 10 s before it tries again."""
 NOT_CURRENT: Final = "What is shown is not current."
 AS_OF_NOW: Final = re.compile(
-    r"^(Good|Idle|Busy|Ready|Active|Open|Running|Paused|At it|Waiting|Fits|\d+ problems?|It fits the fleet\.)$"
+    r"^(Good|Idle|Busy|Ready|Active|Open|Running|Paused|Waiting|Fits|\d+ problems?|It fits the fleet\.)$"
 )
 """What is said of a state while it is known."""
 PARALLEL: Final = f"""\
@@ -106,9 +106,9 @@ def test_scenarios_and_runs(open_page: Open, fleet: Fleet) -> None:
     steps, graph, gantt = views
     for step in ("slow", "other"):
         expect(steps.get_by_role("list", name="Steps").get_by_role("listitem").filter(has_text=step)).to_contain_text(
-            "At it"
+            "Running"
         )
-    expect(graph.locator(".svelte-flow__node").filter(has_text="slow")).to_contain_text("At it")
+    expect(graph.locator(".svelte-flow__node").filter(has_text="slow")).to_contain_text("Running")
     bars = gantt.get_by_role("region", name="Gantt chart").get_by_role("listitem").filter(has_text="slow")
     expect(bars).to_contain_text("· under way")
     fleet.server.end()
@@ -118,12 +118,12 @@ def test_scenarios_and_runs(open_page: Open, fleet: Fleet) -> None:
     for page in views:
         expect(page.locator("header").get_by_text("Was Running", exact=True)).to_be_visible()
         expect(page.get_by_role("button", name="Pause")).to_have_attribute("title", NOT_CURRENT)
-    expect(steps.get_by_text("Was At it")).to_have_count(2)
-    expect(graph.locator(".svelte-flow__node").filter(has_text="slow")).to_contain_text("Was At it")
-    expect(graph.get_by_role("list", name="The same as a list")).to_contain_text("Was At it")
+    expect(steps.get_by_role("list", name="Steps").get_by_text("Was Running")).to_have_count(2)
+    expect(graph.locator(".svelte-flow__node").filter(has_text="slow")).to_contain_text("Was Running")
+    expect(graph.get_by_role("list", name="The same as a list")).to_contain_text("Was Running")
     expect(bars).to_contain_text("Was under way")
     # How long it goes on nobody knows.
-    lasted = gantt.get_by_text("Lasted", exact=True).locator("xpath=following-sibling::dd")
+    lasted = gantt.get_by_text("Duration", exact=True).locator("xpath=following-sibling::dd")
     said = lasted.inner_text()
     gantt.wait_for_timeout(2_100)  # two ticks of the page's clock
     expect(lasted).to_have_text(said)

@@ -155,7 +155,7 @@ def test_keys_drive_as_long_as_they_are_held(fleet: Plant, open_page: Open, pict
     page = open_page("operator", "#/hall/robot/carrier")
     page.get_by_role("link", name="Drive…").click()
     expect(page.get_by_role("heading", level=1, name="Drive carrier")).to_be_visible()
-    expect(page.get_by_role("note")).to_contain_text("This is no safety function.")
+    expect(page.get_by_role("note")).to_contain_text("This is not a safety function.")
     expect(page.get_by_role("table", name="Limits")).to_contain_text("0.5 m/s")
     # Where it has to be scrolled, a keyboard can do it.
     expect(page.get_by_role("group", name="Limits")).to_have_attribute("tabindex", "0")

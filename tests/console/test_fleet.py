@@ -79,6 +79,15 @@ def test_an_observer_may_not_hold_and_is_told_why(open_page: Open) -> None:
     expect(hold).to_have_attribute("title", "Your role does not allow this; required role: Operator.")
     hold.click(force=True)
     expect(page.get_by_role("dialog")).to_have_count(0)
+    # A finger does not hover: who presses is told too, of a menu as of a button.
+    told = page.get_by_role("status").filter(has_text="required role: Operator")
+    expect(told).to_be_visible()
+    told.get_by_role("button", name="Close").click()
+    expect(told).to_have_count(0)
+    page.goto(page.url.partition("#")[0] + "#/hall/robot/left")
+    page.get_by_role("button", name="Hold…").click(force=True)
+    expect(told).to_be_visible()
+    expect(page.get_by_role("dialog")).to_have_count(0)
 
 
 def test_what_is_shown_stands_in_the_address(page: Page, open_page: Open, picture: Callable[[Page, str], None]) -> None:

@@ -168,6 +168,7 @@ def test_a_scenario_is_found_started_followed_and_ended(open_page: Open) -> None
     tab_to(page, "tab", "Graph", back=True)
     page.keyboard.press("End")
     expect(page.get_by_role("tab", name="Gantt chart")).to_be_focused()
+    expect(page.get_by_role("region", name="Gantt chart")).to_be_visible()
     page.keyboard.press("Tab")
     expect(page.get_by_role("region", name="Gantt chart")).to_be_focused()
     tab_to(page, "button", "Abort…", back=True)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, Page, expect
 
-from tests.console.conftest import Fleet, fleet_of
+from tests.console.conftest import USERS, Console, Fleet, fleet_of
 from tests.console.scenario_pages import PLACE, text_of
 from tests.console.test_alarms import ask
 from tests.integration.scenarios.conftest import Plant
@@ -31,6 +31,7 @@ def with_a_large_text(plant: Plant) -> None:
     log = {"id": 1330, "type": "String", "origin": "server", "initial": "<b>" + "y" * (CHARACTERS - 3)}
     raw["robots"]["left"].setdefault("data", {})["log"] = log
     path.write_text(json.dumps(raw))
+    plant.scenario("waits", "  - {wait: 600}\n")
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +43,21 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
 @pytest.fixture
 def expected_complaints() -> list[str]:
     return ["400", "413"]
+
+
+FILTERS: Final = {
+    "Search robots": ("#/hall/fleet", "No robot matches."),
+    "Search scenarios": (PLACE, "No scenario matches."),
+    "Search alarms and events": ("#/hall/alarms?show=events", "No event"),
+    "PublisherId or UA topic": ("#/hall/pubsub?show=messages", ""),
+}
+"""By their names: where each stands, and what is said where nothing is like that. Others are the same part."""
+
+
+def typed(field: Locator, text: str) -> None:
+    """As a keyboard does it, at once."""
+    field.focus()
+    field.page.keyboard.insert_text(text)
 
 
 def _lives(page: Page) -> None:
@@ -96,4 +112,102 @@ def test_a_large_comment_is_cut_where_it_is_written(open_page: Open) -> None:
     expect(page.get_by_role("article").filter(has_text="cccc")).to_have_count(1)
     assert len(page.get_by_role("article").filter(has_text="cccc").inner_text()) < 2000
     ask(page, "robots.release", robot="right")
+    _lives(page)
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_a_large_filter_is_cut_where_it_is_written(open_page: Open, name: str) -> None:
+    """It stands in the page's address."""
+    place, nothing = FILTERS[name]
+    page = open_page("engineer", place)
+    field = page.get_by_placeholder(name)
+    typed(field, "f" * CHARACTERS)
+    expect(field).to_have_value("f" * 256)
+    if nothing:
+        expect(page.get_by_role("main")).to_contain_text(nothing)
+    page.keyboard.press("Enter")
+    assert len(page.url) < 400
+    page.reload()
+    expect(page.get_by_role("navigation", name="Pages")).to_be_visible()
+    _lives(page)
+
+
+def test_a_large_node_id_is_refused(open_page: Open) -> None:
+    page = open_page("engineer", "#/hall/space")
+    typed(page.get_by_placeholder("NodeId or path"), "ns=2;s=" + "n" * CHARACTERS)
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("alert").first).to_contain_text("Bad")
+    _lives(page)
+
+
+def test_a_large_value_is_refused_and_said(open_page: Open) -> None:
+    """It is larger than a request may be; what was written before stays."""
+    page = open_page("engineer", "#/hall/robot/left")
+    page.get_by_role("button", name="Write log").click()
+    dialog = page.get_by_role("dialog")
+    field = dialog.get_by_role("textbox")
+    field.fill("")
+    typed(field, "w" * (2 * CHARACTERS))
+    dialog.get_by_role("button", name="Write", exact=True).click()
+    expect(dialog.get_by_role("alert")).to_contain_text("1100000")
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("table", name="Data").get_by_role("row").filter(has_text="log")).to_contain_text("<b>yyy")
+    _lives(page)
+
+
+def test_a_large_comment_on_an_alarm_is_cut_where_it_is_written(open_page: Open) -> None:
+    page = open_page("operator", "#/hall/alarms")
+    ask(page, "fault.raise", robot="left", reason="r" * 200)
+    page.get_by_role("button", name="Comment…").first.click()
+    dialog = page.get_by_role("dialog")
+    typed(dialog.get_by_role("textbox"), "c" * CHARACTERS)
+    dialog.get_by_role("button", name="Keep the comment").click()
+    expect(dialog).to_have_count(0)
+    alarm = page.get_by_role("main").get_by_role("article").filter(has_text="cccc")
+    expect(alarm).to_have_count(1)
+    assert len(alarm.inner_text()) < 2000
+    ask(page, "fault.clear", fault="left.robot")
+    _lives(page)
+
+
+def test_a_large_reason_of_an_abort_is_cut_where_it_is_written(open_page: Open) -> None:
+    page = open_page("operator", f"{PLACE}?tab=runs")
+    ask(page, "scenario.run", scenario="waits")
+    page.get_by_role("table", name="Runs").get_by_role("link", name="waits").first.click()
+    page.get_by_role("button", name="Abort…").click()
+    typed(page.get_by_role("dialog").get_by_label("Reason"), "a" * CHARACTERS)
+    page.keyboard.press("Enter")
+    expect(page.locator("header").get_by_text("Aborted")).to_be_visible()
+    expect(page.locator("dl")).to_contain_text("a" * 150)
+    assert len(page.locator("dl").inner_text()) < 2000
+    _lives(page)
+
+
+def test_a_large_line_is_typed_into_the_editor(open_page: Open) -> None:
+    """Not pasted, and one line: it is refused where it is stored, checked no more, and can be undone."""
+    page = open_page("engineer", PLACE)
+    page.get_by_role("button", name="New scenario").click()
+    text = text_of(page, "new_scenario")
+    expect(page.get_by_role("region", name="Problems")).to_contain_text("It fits the fleet.")
+    text.click()
+    page.keyboard.press("Control+End")
+    page.keyboard.insert_text("\n  # " + "z" * CHARACTERS)
+    page.keyboard.press("Control+s")
+    expect(page.get_by_role("alert").first).to_contain_text("300000 characters")
+    page.keyboard.press("Control+z")
+    expect(page.get_by_role("region", name="Problems")).to_contain_text("It fits the fleet.")
+    _lives(page)
+
+
+def test_a_large_password_is_refused(console: Console, open_page: Open) -> None:
+    page = open_page("")
+    page.get_by_label("User").fill("oscar")
+    typed(page.get_by_label("Password"), "p" * CHARACTERS)
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("alert")).to_be_visible()
+    user, password = USERS["operator"]
+    page.get_by_label("User").fill(user)
+    page.get_by_label("Password").fill(password)
+    page.get_by_role("button", name="Log in").click()
+    expect(page.get_by_role("navigation", name="Pages")).to_be_visible()
     _lives(page)

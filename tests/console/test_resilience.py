@@ -65,11 +65,20 @@ def _find_it_from_the_run(page: Page) -> None:
     other.get_by_role("tab", name=re.compile("^Runs.*1$")).click()
     other.get_by_role("link", name="long").click()
     expect(other.get_by_text("left has failed, and a person decides who takes over")).to_be_visible()
-    expect(other.get_by_text("Lasted").locator("..")).not_to_contain_text("ms")
+    expect(other.get_by_text("Duration").locator("..")).not_to_contain_text("ms")
     assert browsing.pictures(other, "scenarios-run-decides") == []
     other.get_by_role("link", name="Decide…").click()
     expect(other.get_by_role("heading", name="a, instead of left")).to_be_visible()
     other.close()
+
+
+def _look_at_the_attempt(page: Page) -> None:
+    """It was made while this page looked at the run: whoever decides then finds it beside the second one."""
+    page.get_by_role("link", name=re.compile("^Run 20")).click()
+    page.get_by_role("tab", name="Gantt chart").click()
+    expect(page.get_by_role("region", name="Gantt chart").get_by_role("listitem")).to_contain_text("left")
+    page.get_by_role("navigation", name="Pages").get_by_role("link", name="Resilience").click()
+    expect(page.get_by_role("heading", name="a, instead of left")).to_be_visible()
 
 
 def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fleet: Fleet, picture: Picture) -> None:
@@ -93,6 +102,7 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     observer = open_page("observer", PLACE)
     expect(observer.get_by_role("button", name="Choose right")).to_be_disabled()
 
+    _look_at_the_attempt(page)
     slider = page.get_by_role("slider", name="battery or load")
     expect(slider).to_have_attribute("aria-valuetext", "Both count the same")
     slider.focus()
@@ -123,6 +133,10 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     picture(page, "resilience-taken")
     page.get_by_role("link", name=re.compile("^Run 20")).click()
     expect(page.get_by_role("list", name="Steps")).to_contain_text("right")
+    page.get_by_role("tab", name="Gantt chart").click()
+    attempts = page.get_by_role("region", name="Gantt chart").get_by_role("listitem")
+    expect(attempts).to_contain_text(re.compile("left · .*right · ", re.DOTALL))
+    picture(page, "run-gantt-attempts")
     page.go_back()
     expect(page.get_by_role("heading", name="a, instead of left")).to_be_visible()
 

@@ -63,14 +63,16 @@ def _decide(page: Page) -> None:
     expect(page.get_by_role("heading", name="approach, instead of ridgeback")).to_be_visible()
     ranked = page.get_by_role("region", name="Ranking").locator("tbody th")
     expect(ranked).to_have_text(["pioneer_1", "pioneer_2"])
-    for pair, key, said in (
-        ("battery or distance", "Home", "battery counts 9 times as much as distance"),
-        ("distance or availability", "End", "availability counts 9 times as much as distance"),
+    kept = page.get_by_text("The ranking above still follows the comparison before this one.")
+    for pair, key, said, contradicts in (
+        ("battery or distance", "Home", "battery counts 9 times as much as distance", True),
+        ("distance or availability", "End", "availability counts 9 times as much as distance", False),
     ):
         slider = page.get_by_role("slider", name=pair)
         slider.focus()
         page.keyboard.press(key)
         expect(slider).to_have_attribute("aria-valuetext", said)
+        expect(kept).to_have_count(int(contradicts))
     expect(ranked).to_have_text(["pioneer_2", "pioneer_1"])
     page.get_by_role("button", name="Keep for this decision").click()
     expect(page.get_by_role("status").filter(has_text="The comparison holds for this decision.")).to_be_visible()

@@ -8,6 +8,8 @@ be explained by a wish that its operator sent under a lease, and by nothing else
               one that stands nothing before it goes on
     held      no longer than until the next lease was granted
     frozen    while the bridge stands still the robot goes on, but only until its own watch stops it
+    waited    longer by what the bridge or the robot waited for a core after that, as the kernel itself has recorded:
+              no program acts while a machine that is too busy does not run it
 
 A lease is one motion: it rises, holds, falls, and ends at zero. Once it falls it goes to zero within `stop_s`, and only
 a newer lease explains what comes after that. So wishes that follow an old one after a stop, and two who command at
@@ -17,11 +19,11 @@ once, are no explanation. The runs keep to that: whoever has let go of the stick
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-__all__ = ["Blocked", "Entry", "Facts", "Frozen", "Grant", "Rules", "Stop", "Verdict", "Wish", "judge"]
+__all__ = ["Blocked", "Entry", "Facts", "Frozen", "Grant", "Rules", "Stop", "Verdict", "Waited", "Wish", "judge"]
 
 
 class Entry(NamedTuple):
@@ -68,6 +70,13 @@ class Frozen(NamedTuple):
     until: float
 
 
+class Waited(NamedTuple):
+    """How long the threads of a process had waited for a core by a time, each since it began."""
+
+    at: float
+    total_s: Mapping[str, float]
+
+
 class Rules(NamedTuple):
     """What the robot was promised."""
 
@@ -93,6 +102,8 @@ class Facts:
     wishes: Sequence[Wish]
     blocked: Sequence[Blocked] = ()
     frozen: Sequence[Frozen] = ()
+    waited: Sequence[Sequence[Waited]] = ()
+    """Of each process that has a part in the stop, in the order of time."""
 
 
 class Stop(NamedTuple):
@@ -116,6 +127,16 @@ class Verdict:
 def judge(facts: Facts, rules: Rules) -> Verdict:
     """Judge one run."""
     return _Judge(facts, rules).judged()
+
+
+def _most_waited_s(process: Sequence[Waited], since: float, at: float) -> float:
+    """The most that one of its threads waited between the records that enclose a time."""
+    before = [one for one in process if one.at <= since]
+    after = [one for one in process if one.at >= at]
+    if not before or not (after or process[-1].at > since):
+        return 0.0
+    first, last = before[-1].total_s, (after[0] if after else process[-1]).total_s
+    return max((total_s - first.get(thread, total_s) for thread, total_s in last.items()), default=0.0)
 
 
 class _Judge:
@@ -186,14 +207,19 @@ class _Judge:
         self._began = None
 
     def _explaining(self, at: float, speed: float, extra_s: float) -> list[Wish]:
-        return [
-            wish
+        explaining = [
+            (wish, until + extra_s)
             for wish, since, until in self._wishes
-            if since <= at <= until + extra_s
+            if since <= at
             and wish.lease > self._over
             and wish.speed * speed > 0
             and abs(speed) <= abs(wish.speed) + 1e-6
         ]
+        # What was waited for a core counts from the time on at which the stop was due by all of them.
+        last = max((until for _, until in explaining), default=-math.inf)
+        if at > last >= at - self._waited_s(last - extra_s - self._rules.period_s - self._rules.slack_s, at):
+            return [wish for wish, until in explaining if until == last]
+        return [wish for wish, until in explaining if at <= until]
 
     def _explains_from(self, wish: Wish) -> float:
         since = wish.sent
@@ -213,6 +239,10 @@ class _Judge:
             if wish.sent <= frozen.since <= until:
                 until = max(until, min(frozen.since + rules.robot_timeout_s + rules.slack_s, frozen.until + grace_s))
         return until
+
+    def _waited_s(self, since: float, at: float) -> float:
+        """What was waited for a core meanwhile: one process after the other, the longest of each one's threads."""
+        return sum(min(at - since, _most_waited_s(process, since, at)) for process in self._facts.waited)
 
     def _stood_s(self, began: float, at: float) -> float:
         """For so much of a stop the bridge stood, and the robot kept its speed until its own watch acted."""

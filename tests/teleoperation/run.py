@@ -24,6 +24,8 @@ CONTINUED_S: Final = 0.01
 """So long it may take until a process goes on that stood."""
 MOST_TOLD: Final = 4
 """Problems of a record: what follows the first ones is their consequence."""
+IGNORED_S: Final = 1.0
+"""A robot that does not follow for so long does not follow any more before it has heard a zero."""
 STANDING_S: Final = 0.3
 """So long it is looked at when it stands."""
 
@@ -99,12 +101,13 @@ class Run:
         lane, since = self._lane, self._began
         grants, wishes = lane.grants(since), lane.wishes(since)
         until = time.monotonic()
-        verdict = judge(Facts(lane.moved(since), until, grants, wishes, self._blocked, self._frozen), RULES)
+        waited = lane.waited(since)
+        verdict = judge(Facts(lane.moved(since), until, grants, wishes, self._blocked, self._frozen, waited), RULES)
         outcome.problems += verdict.problems[:MOST_TOLD]
         outcome.stops = verdict.stops
         # What the bridge wrote is as good, and where it stood it had no watch of the robot's above it.
         rules = RULES._replace(robot_timeout_s=60.0)
-        heard = judge(Facts(lane.heard(since), until, grants, wishes, self._blocked, self._frozen), rules)
+        heard = judge(Facts(lane.heard(since), until, grants, wishes, self._blocked, self._frozen, waited), rules)
         outcome.problems += [f"what the bridge wrote: {problem}" for problem in heard.problems[:MOST_TOLD]]
         return outcome
 
@@ -150,10 +153,16 @@ class Run:
         await tab.ask(do="wish", speed=speed)
         while not [entry for entry in self._lane.moved(since) if entry.speed >= speed * share - 1e-6]:
             await asyncio.sleep(0.005)
-            if over := (await tab.ask(do="state"))["over"]:
+            if over := (await tab.ask(do="state"))["over"] or self._stopped_itself(since):
                 self._said = over
                 return False
         return True
+
+    def _stopped_itself(self, since: float) -> str:
+        """Where a busy machine has had the robot's own watch stop it: it stands until it hears a zero, as it should."""
+        moved, heard = self._lane.moved(since), self._lane.heard(since)
+        stands = bool(moved and not moved[-1].speed and heard and heard[-1].speed)
+        return "its own watch has stopped it" if stands and heard[-1].at > moved[-1].at + IGNORED_S else ""
 
     async def _let_go(self) -> None:
         """Let go of the stick, and see that the robot stands and stays so."""

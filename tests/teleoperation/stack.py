@@ -28,7 +28,7 @@ from tests import system
 from tests.contract.ros1 import Master
 from tests.integration.server_model.harness import ENGINEER, OPERATOR
 from tests.system import ROOT, Child, Processes
-from tests.teleoperation.judge import Entry, Grant, Rules, Wish
+from tests.teleoperation.judge import Entry, Grant, Rules, Waited, Wish
 from tests.teleoperation.plan import LANES
 from ua_fleet.config.load import load
 from ua_fleet.config.security import all_groups
@@ -57,6 +57,14 @@ def _descendants(pid: int) -> Iterator[int]:
         for child in map(int, children.read_text().split()):
             yield child
             yield from _descendants(child)
+
+
+def _waited(line: str) -> Waited | None:
+    """What a program printed of its waiting; see `nodes/waited.py`."""
+    if not line.startswith("waited "):
+        return None
+    _, at, *threads = line.split()
+    return Waited(float(at), {name: float(total) for name, _, total in (each.partition("=") for each in threads)})
 
 
 class Controlled:
@@ -172,13 +180,13 @@ class Lane:
         timeout = str(RULES.robot_timeout_s)
         if self._master is not None:
             env = self._master.env | {"PYTHONPATH": "bridges"}
-            command: list[str | Path] = [system.ROS1_PYTHON, "-u", NODES / "carrier_ros1.py", timeout]
+            command: list[str | Path] = [system.ROS1_PYTHON, "-u", NODES / "carrier_ros1.py", timeout, "waited"]
         else:
             env = system.clean_environment(
                 ROS_DOMAIN_ID=str(self.space), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", PYTHONPATH="bridges"
             )
             env[PROFILES_VARIABLE] = str(profile_path("robot"))
-            command = [sys.executable, "-u", NODES / "carrier_ros2.py", str(self.space), timeout]
+            command = [sys.executable, "-u", NODES / "carrier_ros2.py", str(self.space), timeout, "waited"]
         self.robot = self.stack.processes.start(*command, env=env)
 
     def start_bridge(self) -> None:
@@ -253,6 +261,11 @@ class Lane:
         found = self.stack.printed(self, "lease", 4)
         grants = [Grant(int(each[1]), float(each[2]), float(each[3])) for each in found]
         return sorted(grant for grant in grants if grant.asked >= since)
+
+    def waited(self, since: float) -> list[list[Waited]]:
+        """How long the threads that stop the robot have waited for a core: those of its bridge, and its own."""
+        processes = (list(child.lines) for child in (self.bridge, self.robot))
+        return [[one for one in map(_waited, lines) if one is not None and one.at >= since] for lines in processes]
 
     async def heal(self) -> None:
         """Have all its links pass everything again, and nobody hold its robot."""

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import pytest
 
-from tests.teleoperation.judge import Blocked, Entry, Facts, Frozen, Grant, Rules, Verdict, Wish, judge
+from tests.teleoperation.judge import Blocked, Entry, Facts, Frozen, Grant, Rules, Verdict, Waited, Wish, judge
 
 RULES: Final = Rules(deadman_s=0.3, period_s=0.02, robot_timeout_s=0.5, stop_s=0.4, rise_s=0.05, slack_s=0.1)
 FULL: Final = 0.5
@@ -173,3 +173,30 @@ def test_a_speed_beyond_what_is_wished_is_nobodys() -> None:
 
 def test_a_record_without_a_wish_is_a_problem() -> None:
     assert "nobody has wished anything yet" in verdict(hump(1.05, 2.0), wishes=[]).problems[0]
+
+
+def test_what_a_machine_did_not_run_is_late_by_that_and_no_more() -> None:
+    late_s = 0.2
+    record = hump(1.05, LATEST + late_s - 0.01)
+    deadline = LAST + RULES.deadman_s
+    assert "nobody wishes a speed" in verdict(record).problems[0]
+
+    def waiting(*totals: tuple[float, dict[str, float]]) -> list[list[Waited]]:
+        return [[Waited(at, total_s) for at, total_s in totals]]
+
+    first = (deadline - 0.02, {"1": 3.0, "2": 7.0})
+    # One thread waited for a core until it stopped the robot, or the one process and then the other.
+    assert verdict(record, waited=waiting(first, (record[-1].at, {"1": 3.0 + late_s, "2": 7.0}))).problems == []
+    halves = waiting(first, (record[-1].at, {"1": 3.0 + late_s / 2, "2": 7.0}))
+    assert verdict(record, waited=halves * 2).problems == []
+    assert verdict(record, waited=halves).problems
+    # Not what two threads waited at the same time, what was waited before, and what a thread waited that is new.
+    both = (record[-1].at, {"1": 3.0 + late_s / 2, "2": 7.0 + late_s / 2})
+    assert verdict(record, waited=waiting(first, both)).problems
+    before = waiting((1.0, {"1": 0.0}), (deadline - 0.02, {"1": 9.0}), (record[-1].at, {"1": 9.0}))
+    assert verdict(record, waited=before).problems
+    assert verdict(record, waited=waiting(first, (record[-1].at, {"3": 9.0}))).problems
+    assert verdict(record, waited=waiting((record[-1].at, {"1": 9.0}))).problems
+    # However long it waited, it does not go on for longer than that.
+    long = hump(1.05, LATEST + 2 * late_s)
+    assert verdict(long, waited=waiting(first, (long[-1].at, {"1": 3.0 + late_s, "2": 7.0}))).problems

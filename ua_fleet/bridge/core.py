@@ -218,6 +218,8 @@ class BridgeCore:
         """The latest timestamps of other spaces' sources that were published into the space."""
         self.freshness = Freshness(max_ages or {})
         """Which of the space's sources say what is too old."""
+        self._unsayable: set[Topic] = set()
+        """Sources of the space whose last message could not be sent: what was sent before it is not of now."""
         self._node_only: set[Topic] = set()
         self._bad: set[Topic] = set()
         """Other spaces' sources whose last message could not be published since it was Bad."""
@@ -249,8 +251,13 @@ class BridgeCore:
         if verdict is not LoopVerdict.TO_PUBSUB:
             self.counters.drop(_DROPS[verdict])
             return None
-        for datagram in self._encoded(topic, values, ticks_from_unix_ns(source_time_ns), status, now):
-            self._send(datagram)
+        ticks = ticks_from_unix_ns(source_time_ns)
+        try:
+            for datagram in self._encoded(topic, values, ticks, status, now):
+                self._send(datagram)
+            self._unsayable.discard(topic)
+        except LocalWireError as error:
+            status = self._could_not_say(topic, error, ticks, now)
         return self.freshness.told(topic, source_time_ns, status, now if arrived is None else arrived)
 
     def from_space(self, event: DriverEvent, *, now: float, wall_ticks: int, arrived: float | None = None) -> None:
@@ -265,6 +272,7 @@ class BridgeCore:
             self._lost(event.topic, now, wall_ticks)
         elif isinstance(event, SourceForgotten):
             self._types.pop(event.topic, None)
+            self._unsayable.discard(event.topic)
             self._publisher.retire(event.topic)
             self.freshness.forget(event.topic)
         elif isinstance(event, SourceRead):
@@ -279,8 +287,19 @@ class BridgeCore:
 
     def tell(self, topic: Topic, values: tuple[Any, ...], timestamp: int, status: int = 0, *, now: float) -> None:
         """Publish a message of an announced source. Its timestamp moves forward, if only by a tick."""
-        for datagram in self._encoded(topic, values, timestamp, status, now):
-            self._send(datagram)
+        try:
+            for datagram in self._encoded(topic, values, timestamp, status, now):
+                self._send(datagram)
+        except LocalWireError as error:
+            self._could_not_say(topic, error, timestamp, now)
+
+    def _could_not_say(self, topic: Topic, error: LocalWireError, timestamp: int, now: float) -> int:
+        """Drop what cannot be sent. What was sent last is not of now then; its status, which is said once."""
+        self.dropped(Dropped(Drop.CONVERSION, detail=str(error)))
+        if topic not in self._unsayable:
+            self._unsayable.add(topic)
+            self._restate(topic, int(error.ua_status), timestamp, now)
+        return int(error.ua_status)
 
     def _encoded(
         self, topic: Topic, values: tuple[Any, ...], timestamp: int, status: int, now: float
@@ -294,11 +313,7 @@ class BridgeCore:
                 types, values = _unwrapped(types, values)
                 break
         timestamp = max(timestamp, self._read.get(topic, -1) + 1)
-        try:
-            datagrams = self._publisher.publish(topic, values, timestamp=timestamp, status=status, now=now, types=types)
-        except LocalWireError:
-            self.counters.drop(Drop.CONVERSION)
-            return ()
+        datagrams = self._publisher.publish(topic, values, timestamp=timestamp, status=status, now=now, types=types)
         self._read[topic] = timestamp
         return datagrams
 

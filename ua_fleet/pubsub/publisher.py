@@ -20,7 +20,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.errors import LocalWireError
+from ua_fleet.errors import LocalWireError, MessageTooLarge
 from ua_fleet.pubsub.announcer import ANSWER_INTERVAL_S, Announcer
 from ua_fleet.pubsub.application import MAX_DATAGRAM_BYTES, PRODUCT_URI, Application, describe
 from ua_fleet.pubsub.components import Components
@@ -229,7 +229,7 @@ class Publisher:
         datagram = encode(number, timestamp, status, values) if frame is None else frame.datagram
         size = len(datagram)
         if size > (most := self._announcer.application.max_message_bytes):
-            raise LocalWireError(f"{topic.name}: {size} bytes, and the largest message may have {most}")
+            raise MessageTooLarge(f"{topic.name}: {size} bytes, and the largest message may have {most}")
         if writer.is_off:  # only now: what does not fit is refused before it is kept
             self._counters.drop(Drop.DISABLED)
             writer.keep(types, values, status, timestamp, size - HEADER_BYTES if frame is None else frame.size)

@@ -26,6 +26,7 @@ from ua_fleet.wire import Codec
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldMetaData, FrameKind, NetworkMessage
 
 TIMING = PubSubTiming()
+BAD_LIMITS = int(StatusCode.BAD_ENCODING_LIMITS_EXCEEDED)
 WALL = ticks_from_unix_ns(1_700_000_000_000_000_000)
 START_NS = 1_700_000_000_000_000_000
 DATA = (make_field("data", BuiltinType.DOUBLE, properties={"RosType": "std_msgs/Float64"}),)
@@ -138,6 +139,40 @@ def test_sample_that_is_not_sent_on_is_counted_by_its_cause(sample: SampleRead, 
     assert bridge.take() == []
     assert bridge.counters.drops == {cause: 1}
     assert bridge.counters.from_space == 1
+
+
+TEXT = (make_field("data", BuiltinType.STRING, properties={"RosType": "std_msgs/String"}),)
+
+
+def test_a_message_that_is_too_large_makes_what_was_sent_before_not_of_now() -> None:
+    """Once, since it may be said often; a message that is dropped is no sign of life."""
+    bridge = Bridge(1)
+    bridge.find(TOPIC, TEXT)
+    bridge.read(TOPIC, "short")
+    told: list[Dropped] = []
+    bridge.core.dropped = told.append
+    bridge.take()
+    for number in (1, 2):
+        bridge.read(TOPIC, "x" * 70_000, ns=100 * number, now=float(number))
+    (said,) = data_of(bridge.take())
+    assert (said.values, said.status, said.timestamp) == (("short",), BAD_LIMITS, WALL + 1)
+    assert [one.cause for one in told] == [Drop.CONVERSION] * 2
+    assert "the largest message may have 65507" in told[0].detail
+    bridge.read(TOPIC, "shorter", ns=300, now=3.0)
+    (said,) = data_of(bridge.take())
+    assert (said.values, said.status) == (("shorter",), 0)
+    bridge.read(TOPIC, "x" * 70_000, ns=400, now=4.0)
+    (said,) = data_of(bridge.take())
+    assert said.status == BAD_LIMITS, "said again"
+
+
+def test_a_source_whose_first_message_is_too_large_says_nothing() -> None:
+    bridge = Bridge(1)
+    bridge.find(TOPIC, TEXT)
+    bridge.take()
+    bridge.read(TOPIC, "x" * 70_000)
+    assert bridge.take() == []
+    assert bridge.counters.drops == {Drop.CONVERSION: 1}
 
 
 def test_source_of_another_space_is_not_announced() -> None:

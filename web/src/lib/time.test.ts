@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { ageOf, formatAge, formatTime, LISTED_NOW_S } from './time';
+import { ageOf, formatAge, formatLength, formatTime, LISTED_NOW_S } from './time';
 
 describe('an age', () => {
   it.each([
@@ -25,6 +25,18 @@ describe('an age', () => {
     expect(ageOf(null, 0)).toBeNull();
     expect(ageOf('yesterday', 0)).toBeNull();
   });
+});
+
+describe('a length', () => {
+  it.each([
+    [0.25, '250 ms'],
+    [59.9, '59 s'],
+    [60.5, '1 min'],
+    [200, '3 min 20 s'],
+    [3659, '1 h'],
+    [5000, '1 h 23 min'],
+    [200000, '2 d 7 h'],
+  ])('of %d s is %s', (seconds, text) => expect(formatLength(seconds)).toBe(text));
 });
 
 describe('a time', () => {

@@ -26,6 +26,16 @@ export function formatDuration(seconds: number): string {
   return `${Math.floor(seconds / 86400)} d`;
 }
 
+const SIZES = [86400, 3600, 60, 1];
+
+/** A duration in its two greatest units, rounded down: `3 min 20 s`. */
+export function formatLength(seconds: number): string {
+  const at = SIZES.findIndex((size) => seconds >= size);
+  const [size, below] = [SIZES[at] ?? 1, SIZES[at + 1] ?? 1];
+  const rest = Math.floor((seconds % size) / below) * below;
+  return rest > 0 ? `${formatDuration(seconds)} ${formatDuration(rest)}` : formatDuration(seconds);
+}
+
 /** Seconds between a time in ISO 8601 and `nowMs` (of Date.now); null of what is no time. */
 export function ageOf(time: string | null | undefined, nowMs: number): number | null {
   if (!time) return null;

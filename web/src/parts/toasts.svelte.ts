@@ -4,7 +4,7 @@ import type { ErrorBody } from '../lib/protocol';
 export interface Toast {
   id: number;
   text: string;
-  tone: 'ok' | 'alarm';
+  tone: 'ok' | 'note' | 'alarm';
 }
 
 class Toasts {
@@ -13,8 +13,12 @@ class Toasts {
 
   /** Something was done. It goes by itself. */
   say(text: string): void {
-    const id = this.#add(text, 'ok');
-    setTimeout(() => this.close(id), 6000);
+    this.#pass(text, 'ok');
+  }
+
+  /** Why something cannot be done. It goes by itself. */
+  explain(text: string): void {
+    this.#pass(text, 'note');
   }
 
   /** Something was not done. It stays until it is closed. */
@@ -24,6 +28,11 @@ class Toasts {
 
   close(id: number): void {
     this.shown = this.shown.filter((one) => one.id !== id);
+  }
+
+  #pass(text: string, tone: Toast['tone']): void {
+    const id = this.#add(text, tone);
+    setTimeout(() => this.close(id), 6000);
   }
 
   #add(text: string, tone: Toast['tone']): number {

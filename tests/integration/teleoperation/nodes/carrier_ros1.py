@@ -1,5 +1,5 @@
 # pyright: basic, reportMissingImports=false
-"""The same robot as `carrier_ros2.py` with rospy: `carrier_ros1.py TIMEOUT_S`."""
+"""The same robot as `carrier_ros2.py` with rospy: `carrier_ros1.py TIMEOUT_S [waited]`."""
 
 import sys
 import threading
@@ -10,13 +10,17 @@ import rospy
 from geometry_msgs.msg import Twist
 from ua_bridges.robot import Execution
 from ua_bridges.robot.ros1 import Robot
+from waited import waited  # type: ignore[import-not-found]
 
 lock = threading.Lock()
+tells_waited = sys.argv[-1] == "waited"
 
 
 def say(what: str, twist: Any) -> None:
     with lock:
         print(what, time.monotonic(), twist.linear.x, twist.angular.z, flush=True)
+        if tells_waited:
+            print(waited(), flush=True)
 
 
 rospy.init_node("carrier", disable_rosout=True)

@@ -1,8 +1,8 @@
 # pyright: basic, reportMissingImports=false
-"""A ROS 2 robot that is driven by hand: `carrier_ros2.py SPACE TIMEOUT_S`.
+"""A ROS 2 robot that is driven by hand: `carrier_ros2.py SPACE TIMEOUT_S [waited]`.
 
 Prints what arrives on its topic (`heard`), what its own watch lets through (`moved`), both with the monotonic time, and
-what its skill does.
+what its skill does; with `waited` also how long its threads have waited for a core, each time.
 """
 
 import sys
@@ -15,13 +15,17 @@ from geometry_msgs.msg import Twist
 from rclpy.qos import QoSProfile
 from ua_bridges.robot import Execution
 from ua_bridges.robot.ros2 import Robot
+from waited import waited  # type: ignore[import-not-found]
 
 lock = threading.Lock()
+tells_waited = sys.argv[-1] == "waited"
 
 
 def say(what: str, twist: Any) -> None:
     with lock:
         print(what, time.monotonic(), twist.linear.x, twist.angular.z, flush=True)
+        if tells_waited:
+            print(waited(), flush=True)
 
 
 rclpy.init()

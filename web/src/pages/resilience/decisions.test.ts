@@ -6,6 +6,7 @@ import {
   partsOf,
   percent,
   sortedDecisions,
+  takenText,
   unitsOf,
 } from './decisions';
 
@@ -58,4 +59,12 @@ it('knows the units of the criteria that there are', () => {
   ];
   expect(unitsOf({ criteria } as Settings)).toEqual({ battery: '%', availability: '' });
   expect(unitsOf(undefined)).toEqual({});
+});
+
+it('says who has chosen a robot, or why it was taken by itself', () => {
+  expect(takenText({ chosen: 'left', by: 'anna' })).toBe('left, chosen by anna');
+  expect(takenText({ chosen: 'left', by: '' })).toBe('left, chosen by —');
+  expect(takenText({ chosen: 'left', by: 'automatic' })).toBe('left, chosen by the server');
+  expect(takenText({ chosen: 'left', by: 'back' })).toBe('left again: it can do it now');
+  expect(takenText({ chosen: 'left', by: 'limit' })).toBe('left, the best when the time to decide was over');
 });

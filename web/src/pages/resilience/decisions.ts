@@ -1,5 +1,6 @@
 /** Decisions and rankings as the feeds tell them. */
 import type { Json } from '../../lib/protocol';
+import { t } from '../../lib/texts';
 import { numberOf } from '../../lib/value';
 
 export interface Ranking {
@@ -75,6 +76,13 @@ export function partsOf(ranking: Ranking, at: number): { name: string; part: num
     missing: robot?.values[index]?.missing ?? '',
   }));
 }
+
+const BY_ITSELF = { automatic: 'taken_automatic', back: 'taken_back', limit: 'taken_limit' } as const;
+const isByItself = (by: string): by is keyof typeof BY_ITSELF => Object.hasOwn(BY_ITSELF, by);
+
+/** Which robot was chosen, and by whom or why. */
+export const takenText = ({ chosen: robot, by }: Pick<DecisionHead, 'chosen' | 'by'>): string =>
+  isByItself(by) ? t(`resilience.${BY_ITSELF[by]}`, { robot }) : t('resilience.taken', { robot, by: by || '—' });
 
 /** Units of the criteria by their names; of one that the fleet does not have any more nobody knows it. */
 export const unitsOf = (settings: Settings | undefined): Readonly<Record<string, string>> =>

@@ -76,7 +76,7 @@ export function fieldOf(kind: Kind, key: FieldKey): StepField | null {
           ? 'seconds'
           : 'text';
   return {
-    ...{ key, control, help: property.description ?? '', needed: NEEDED.has(key) },
+    ...{ key, control, help: (property.description ?? '').replaceAll('`', ''), needed: NEEDED.has(key) },
     ...(choices ? { choices } : {}),
     ...(property.default === undefined ? {} : { left_out: String(property.default) }),
   };

@@ -1,5 +1,17 @@
 import { describe, expect, it } from 'vitest';
-import { attemptsOf, barOf, linesOf, mergedFacts, placeOf, repetitionOf, ticksOf } from './runs';
+import {
+  attemptsKept,
+  attemptsOf,
+  barOf,
+  keepAttempts,
+  labelPlaces,
+  linesOf,
+  mergedFacts,
+  placeOf,
+  repetitionOf,
+  ticksOf,
+  withEarlier,
+} from './runs';
 import type { Fact, Outline, TaskRow } from './types';
 
 const task = (step: string, name: string, more: Partial<TaskRow> = {}): TaskRow => ({
@@ -96,11 +108,43 @@ describe('attemptsOf', () => {
     const again = { ...assigned, at: '2030-01-01T00:00:04Z', detail: { step: '0', attempt: 2 } };
     expect(attemptsOf([assigned, over, again], []).map((one) => one.to === null)).toEqual([false, true]);
   });
+  it('has them in the order in which they began, whichever this page has seen', () => {
+    const before = { begun: '2029-12-31T00:00:00Z', ended: '2029-12-31T00:00:09Z' };
+    const tasks = [task('5', 'unseen', { state: 'accepted' }), task('4', 'before', before)];
+    expect(attemptsOf([assigned, over], tasks).map((one) => one.task)).toEqual(['unseen', 'before', 'one']);
+  });
 });
 
 describe('mergedFacts', () => {
   it('has each once, in the order of time', () => {
     expect(mergedFacts([over], [assigned, over])).toEqual([assigned, over]);
+  });
+});
+
+describe('withEarlier', () => {
+  const before = attemptsOf([assigned, over], []);
+  it('has an attempt that the server does not keep any more', () => {
+    const again = { ...assigned, at: '2030-01-01T00:00:04Z', detail: { step: '0', attempt: 2 } };
+    expect(withEarlier(attemptsOf([again], []), before).map((one) => one.attempt)).toEqual([1, 2]);
+    expect(withEarlier(before, before)).toEqual(before);
+  });
+  it('has none of which nobody saw the end', () => {
+    expect(withEarlier([], attemptsOf([assigned], []))).toEqual([]);
+  });
+});
+
+describe('attemptsKept', () => {
+  it('has what was told of a run of a fleet, of the last 50 that were told of', () => {
+    const [one, both] = [attemptsOf([assigned], []), attemptsOf([assigned, over], [])];
+    keepAttempts('hall', 'first', one);
+    for (let at = 0; at < 49; at += 1) keepAttempts('hall', `${at}`, []);
+    expect(attemptsKept('hall', 'first')).toEqual(one);
+    expect(attemptsKept('yard', 'first')).toEqual([]);
+    keepAttempts('hall', 'first', both);
+    keepAttempts('hall', 'last', []);
+    expect(attemptsKept('hall', 'first')).toEqual(both);
+    for (let at = 0; at < 50; at += 1) keepAttempts('hall', `later ${at}`, []);
+    expect(attemptsKept('hall', 'first')).toEqual([]);
   });
 });
 
@@ -111,6 +155,22 @@ describe('barOf', () => {
     expect(of(1250, 1500)).toEqual({ left: 0.25, width: 0.25 });
     expect(of(null, null)).toEqual({ left: 0, width: 1 });
     expect(of(0, 9000)).toEqual({ left: 0, width: 1 });
+  });
+});
+
+describe('labelPlaces', () => {
+  const of = (...bars: [number, number][]) =>
+    labelPlaces(
+      bars.map(([left, width]) => ({ left, width })),
+      0.1,
+    );
+  it('has a text in its bar, or beside it where nothing else stands', () => {
+    expect(of([0, 0.1])).toEqual(['in']);
+    expect(of([0, 0.02])).toEqual(['after']);
+    expect(of([0.95, 0.05])).toEqual(['before']);
+    expect(of([0.85, 0.02], [0.9, 0.05])).toEqual(['before', 'nowhere']);
+    expect(of([0, 0.02], [0.15, 0.02], [0.2, 0.02])).toEqual(['after', 'nowhere', 'after']);
+    expect(of([0.05, 0.02], [0.08, 0.9])).toEqual(['nowhere', 'in']);
   });
 });
 

@@ -136,7 +136,30 @@ export function attemptsOf(facts: readonly Fact[], tasks: readonly TaskRow[]): A
     const ended = to === null ? '' : one.state === 'done' ? 'done' : 'failed';
     all.set(key, { ...(known ?? { key, step, task, robot, attempt }), from, to, outcome: known?.outcome || ended });
   }
-  return [...all.values()];
+  return inOrder([...all.values()]);
+}
+
+/** As they began; what began before anybody looked began first. */
+const inOrder = (all: Attempt[]): Attempt[] => all.sort((a, b) => (a.from ?? -Infinity) - (b.from ?? -Infinity) || 0);
+
+/** Attempts as they are told of now, and those that were told of before: of a task the server keeps only the last one. */
+export function withEarlier(now: readonly Attempt[], before: readonly Attempt[]): Attempt[] {
+  const known = new Set(now.map((one) => one.key));
+  // Of one that was not over then nobody knows when it ended.
+  return inOrder([...now, ...before.filter((one) => !known.has(one.key) && one.to !== null)]);
+}
+
+const MOST_RUNS_KEPT = 50;
+const kept = new Map<string, readonly Attempt[]>();
+
+/** What this page was told of a run's attempts, however often its view is left and opened again. */
+export const attemptsKept = (fleet: string, run: string): readonly Attempt[] => kept.get(`${fleet}/${run}`) ?? [];
+
+/** Keep what was told of a run's attempts, for so many runs: those that were told of last. */
+export function keepAttempts(fleet: string, run: string, attempts: readonly Attempt[]): void {
+  kept.delete(`${fleet}/${run}`);
+  kept.set(`${fleet}/${run}`, attempts);
+  for (const key of [...kept.keys()].slice(0, -MOST_RUNS_KEPT)) kept.delete(key);
 }
 
 /** Where a bar stands between the times of a chart, in parts of its width. */
@@ -145,6 +168,20 @@ export function barOf(attempt: Attempt, first: number, last: number): { left: nu
   const part = (at: number) => Math.min(1, Math.max(0, (at - first) / span));
   const left = part(attempt.from ?? first);
   return { left, width: Math.max(0, part(attempt.to ?? last) - left) };
+}
+
+export type LabelPlace = 'in' | 'after' | 'before' | 'nowhere';
+
+/** Where the texts of a line's bars have room, each of `room` as a part of the chart's width; the bars in their order. */
+export function labelPlaces(bars: readonly { left: number; width: number }[], room: number): LabelPlace[] {
+  let taken = 0;
+  return bars.map(({ left, width }, at) => {
+    const end = left + width;
+    const isAfter = (bars[at + 1]?.left ?? 1) - end >= room;
+    const place = width >= room ? 'in' : isAfter ? 'after' : left - taken >= room ? 'before' : 'nowhere';
+    taken = Math.max(taken, place === 'after' ? end + room : end);
+    return place;
+  });
 }
 
 const STEPS_S = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];

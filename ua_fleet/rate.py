@@ -39,9 +39,10 @@ class Budget:
 
     def take(self, now: float, amount: float = 1.0) -> bool:
         """Spend it, where so much is left."""
-        if now < self.at(amount):
+        full_at = self._full_at  # as `at` and `spend` have it: each value of a fleet comes by here
+        if now < full_at - (self._most - amount) / self._per_second:
             return False
-        self.spend(now, amount)
+        self._full_at = (full_at if full_at > now else now) + amount / self._per_second
         return True
 
 

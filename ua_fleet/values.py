@@ -241,9 +241,13 @@ def status_name(status: int) -> str:
     return _NAMES.get(status & 0xFFFF_0000, f"0x{status:08X}")
 
 
+_QUALITIES = (Quality(0), Quality(1), Quality(2), Quality(2))
+"""By the severity, the two highest bits of a StatusCode."""
+
+
 def quality_of(status: int) -> Quality:
     """The quality that a StatusCode stands for; the reserved severity 3 counts as Bad."""
-    return Quality(min(status >> 30, 2))
+    return _QUALITIES[status >> 30 & 3]
 
 
 def ticks_from_unix_ns(unix_ns: int) -> int:

@@ -273,5 +273,6 @@ def _walk_chunk(walk: MessageWalk) -> None:
     walk.number("MessageSequenceNumber", BuiltinType.UINT16)
     offset = walk.number("ChunkOffset", BuiltinType.UINT32)
     total = walk.number("TotalSize", BuiltinType.UINT32, " bytes")
+    walk.number("ChunkData.Length", BuiltinType.INT32, " bytes")
     size = walk.cursor.remaining
     walk.rest("ChunkData", f"bytes {offset} to {offset + size - 1} of {total}" if size else "")

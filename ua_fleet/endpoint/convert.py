@@ -110,11 +110,35 @@ _IN: Final[dict[int, Callable[[Any], Any]]] = {
     BuiltinType.LOCALIZED_TEXT: lambda value: LocalizedText(value.Text, value.Locale),
     BuiltinType.NODE_ID: lambda value: NodeId(value.NamespaceIndex, value.Identifier),
 }
+_new: Final = object.__new__
 _VARIANT_TYPES: Final = {int(kind): ua.VariantType(int(kind)) for kind in BuiltinType}
+
+
+_PLAIN_TYPES: Final = {
+    int(kind): (_VARIANT_TYPES[kind], float if kind in (BuiltinType.FLOAT, BuiltinType.DOUBLE) else int)
+    for kind in (
+        BuiltinType.SBYTE,
+        BuiltinType.BYTE,
+        BuiltinType.INT16,
+        BuiltinType.UINT16,
+        BuiltinType.INT32,
+        BuiltinType.UINT32,
+        BuiltinType.INT64,
+        BuiltinType.UINT64,
+        BuiltinType.FLOAT,
+        BuiltinType.DOUBLE,
+    )
+}
+"""Of numbers, which are most values, and of which asyncua holds what we hold: the class of the value."""
 
 
 def to_variant(type_code: int, value: Any) -> ua.Variant:
     """A Variant in asyncua's form; raises Unrepresentable."""
+    plain = _PLAIN_TYPES.get(type_code)
+    if plain is not None and value.__class__ is plain[1]:
+        variant: ua.Variant = _new(ua.Variant)  # what it makes sure of, which takes longer than all else, is so here
+        variant.Value, variant.VariantType, variant.Dimensions, variant.is_array = value, plain[0], None, False
+        return variant
     kind = type_code & _BUILTIN
     convert = _OUT.get(kind)
     variant_type = _VARIANT_TYPES[kind]

@@ -46,12 +46,9 @@ class FaultConditions:
 
     def __init__(self, rules: Sequence[FaultRule]) -> None:
         self._rules = tuple(rules)
-        self._active: set[tuple[str, str]] = set()
-
-    @property
-    def names(self) -> frozenset[str]:
+        self.names = frozenset([rule.name for rule in self._rules])
         """The sources of all faults that conditions find."""
-        return frozenset(rule.name for rule in self._rules)
+        self._active: set[tuple[str, str]] = set()
 
     def restored(self, robot: str, source: str) -> None:
         """A fault of a run before is active still; it is left alone where no rule can end it any more."""

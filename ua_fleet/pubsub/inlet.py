@@ -72,6 +72,7 @@ class Inlet:
         self.heard_at: dict[int | str | None, float] = {}
         """When data of each publisher came last, where there are several connections; the longest known first."""
         self._barred, self._relayed = frozenset(barred), relayed
+        self._admits_all = not (self._barred or self._relayed)
         self._own_space, self._counters, self._codec, self._complaints = own_space, counters, codec, complaints
         self._comes_in = comes_in
         own = own_space.to_bytes(2, "little") if own_space >= 0 else b""
@@ -116,7 +117,7 @@ class Inlet:
             self._counters.drop_malformed(error.cause)
             self._complaints.add(error)
         else:
-            return self._admitted(message) if self._barred or self._relayed else message
+            return message if self._admits_all else self._admitted(message)
         return None
 
     def hear(self, publisher_id: int | str | None, now: float, most: int) -> None:

@@ -259,8 +259,7 @@ class ServerCore:
                             continue
                     elif isinstance(event, MetaDataReceived):
                         self._look_for_robot(event)
-                for value in self._values(self._state.apply(event, wall), now):
-                    self._nodes.write(value)
+                self._take(self._state.apply(event, wall), now)
                 self._follow(event, now, wall)
             except Exception as error:  # noqa: BLE001 - the events behind it have nothing to do with it
                 self._mistakes.caught("messages", error, what=type(event).__name__)
@@ -316,16 +315,12 @@ class ServerCore:
         self._carried.follow(event)
 
     def _take(self, changes: Iterable[Change], now: float) -> None:
-        for value in self._values(changes, now):
-            self._nodes.write(value)
-
-    def _values(self, changes: Iterable[Change], now: float) -> Iterator[ValueChanged]:
-        """The values of changes that are to be shown now. All other changes are shown here, in their order."""
+        """Show changes in their order; of values those whose turn is now, the others when it comes."""
         for change in changes:
             try:
                 if type(change) is ValueChanged:
                     if (ready := self._coalescer.offer(change, now)) is not None:
-                        yield ready
+                        self._nodes.write(ready)
                     self._namespace.value_changed(change)
                     self._history.record(change)
                     self._runs.value_changed(change)  # last: who does not understand a value keeps it from no node

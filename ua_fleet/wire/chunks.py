@@ -34,9 +34,9 @@ from ua_fleet.wire.outline import Outline, encode_flags, read_outline
 
 __all__ = ["CHUNK_FIELDS_BYTES", "Chunk", "ChunkReader", "join", "read_chunk", "split", "split_one_by_one"]
 
-_CHUNK_FIELDS: Final = Struct("<HII")
+_CHUNK_FIELDS: Final = Struct("<HIIi")
 CHUNK_FIELDS_BYTES: Final = _CHUNK_FIELDS.size
-"""MessageSequenceNumber, ChunkOffset and TotalSize (table 159)."""
+"""MessageSequenceNumber, ChunkOffset, TotalSize, and the length of ChunkData, which is a ByteString (table 159)."""
 _WRITER_ID: Final = Struct("<H")
 _ONE_WRITER: Final = Struct("<BH")
 MOST_PAYLOAD_BYTES: Final = 0xFFFF_FFFF
@@ -71,10 +71,13 @@ def read_chunk(datagram: bytes) -> Chunk | None:
     outline = read_outline(cursor)
     head, action_header = _head(datagram, cursor, outline)
     at = cursor.position
-    number, offset, total_size = cursor.unpack(_CHUNK_FIELDS)
+    number, offset, total_size, length = cursor.unpack(_CHUNK_FIELDS)
     data = memoryview(datagram)[cursor.position :]
-    if not data:
+    if length < 1:
         raise RemoteWireError(Cause.CHUNK_EMPTY, f"no data at offset {offset} of {total_size}", at)
+    if length != len(data):
+        cause = Cause.TRUNCATED if len(data) < length else Cause.TRAILING_BYTES
+        raise RemoteWireError(cause, f"ChunkData of {length} bytes, and {len(data)} stand there", at)
     if offset + len(data) > total_size:
         detail = f"{len(data)} bytes at offset {offset} of {total_size}"
         raise RemoteWireError(Cause.CHUNK_RANGE, detail, at)
@@ -112,9 +115,9 @@ class ChunkReader:
         at, last = len(self._prefix), self._last
         if last is None or len(datagram) <= at + CHUNK_FIELDS_BYTES or not datagram.startswith(self._prefix):
             return self._read_anew(datagram)
-        number, offset, total_size = _CHUNK_FIELDS.unpack_from(datagram, at)
+        number, offset, total_size, length = _CHUNK_FIELDS.unpack_from(datagram, at)
         data = memoryview(datagram)[at + CHUNK_FIELDS_BYTES :]
-        if offset + len(data) > total_size:
+        if length != len(data) or offset + length > total_size:
             return read_chunk(datagram)  # it says what is wrong
         return last._replace(message_sequence_number=number, offset=offset, total_size=total_size, data=data)
 
@@ -217,7 +220,8 @@ def split_one_by_one(datagram: bytes, most_bytes: int, message_sequence_number: 
     if number is None:
         number = message_sequence_number & 0xFFFF
     for offset in range(0, len(payload), size):
-        yield b"".join((head, _CHUNK_FIELDS.pack(number, offset, len(payload)), payload[offset : offset + size]))
+        data = payload[offset : offset + size]
+        yield b"".join((head, _CHUNK_FIELDS.pack(number, offset, len(payload), len(data)), data))
 
 
 def join(chunk: Chunk, *parts: bytes | memoryview) -> bytes:

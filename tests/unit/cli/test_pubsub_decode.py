@@ -365,7 +365,7 @@ def test_chunks_are_put_together(invoke: Invoke) -> None:
 
 def test_chunks_that_do_not_fit_together(invoke: Invoke) -> None:
     head = "d1810107004df4 0300"
-    first, other = head + "00000000 0c000000 0101000b0000", head + "04000000 0c000000 00000000"
+    first, other = head + "00000000 0c000000 06000000 0101000b0000", head + "04000000 0c000000 04000000 00000000"
     ended = invoke("pubsub", "decode", "--json", first, first, other)
     assert ended.code == 1
     assert "message 3 of 3: chunk_overlaps" in ended.stderr

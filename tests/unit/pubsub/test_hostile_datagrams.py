@@ -176,7 +176,7 @@ def test_memory_while_anybody_claims_to_be_everybody() -> None:
 def chunk(number: int, offset: int, total: int, size: int, *, writer_id: int = 1001) -> bytes:
     """An unsecured chunk."""
     head = struct.pack("<BBBHBHH", 0xF1, PublisherIdType.UINT16 | 0x80, 1, 1, 1, 2, writer_id)
-    return head + struct.pack("<HII", number & 0xFFFF, offset, total) + bytes(size)
+    return head + struct.pack("<HIIi", number & 0xFFFF, offset, total, size) + bytes(size)
 
 
 FLOODS: dict[str, Callable[[int], bytes]] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.unit.pubsub.publishing import CODEC, FIELDS, TOPIC, WALL, Writing, only
-from tests.unit.pubsub.security.securing import action, announcement, data, envelope, one, probe
+from tests.unit.pubsub.security.securing import action, announcement, data, envelope, group_keys, one, probe
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.pubsub import (
     DataReceived,
@@ -156,7 +156,7 @@ def test_a_will_whose_key_is_over_says_nothing() -> None:
     both.now = 170.0  # keys of 60 s, one past key
     both.hear_value()
     assert only(SourceSilent, both.subscriber.receive(will, both.now, is_fresh=False)) == []
-    assert both.counters.drops[Drop.UNKNOWN_TOKEN] == 1
+    assert both.counters.drops[Drop.RETAINED] == 1
 
 
 def test_a_will_ends_the_sources_of_its_publisher_alone() -> None:
@@ -171,3 +171,17 @@ def test_a_kept_chunk_joins_no_message() -> None:
     first, *_ = sealing.seal(announcement(), 0.0)
     assert both.hear(first, is_fresh=False) == []
     assert both.counters.drops == {Drop.RETAINED: 1}
+
+
+@pytest.mark.parametrize("mode", MODES[1:])
+def test_what_was_kept_under_a_key_that_is_over_is_old_and_not_of_an_unknown_one(mode: SecurityMode) -> None:
+    both = Both(mode)
+    kept = both.sealed(announcement())
+    group = telemetry_group(1)
+    both.opening.install(group, group_keys(5, seed=f"0{group}"), both.now)
+    assert both.hear(kept, is_fresh=False) == [], "its source is not said to be refused"
+    assert both.counters.drops == {Drop.RETAINED: 1}
+    to_come = envelope(1, group, mode=mode)
+    to_come.install(group, group_keys(9, seed=f"0{group}"), both.now)
+    both.hear(one(to_come.seal(announcement(), both.now)), is_fresh=False)
+    assert both.counters.drops == {Drop.RETAINED: 1, Drop.UNKNOWN_TOKEN: 1}

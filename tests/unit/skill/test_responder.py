@@ -187,6 +187,18 @@ def test_over_a_network_that_holds_back_nothing_is_begun_after_its_timeout() -> 
         assert any(isinstance(effect, Execute) for effect in effects) is begins
 
 
+def test_a_broker_that_keeps_an_action_for_an_hour_moves_nothing() -> None:
+    counters, journal = Counters(), MemoryJournal()
+    limits = replace(LIMITS, late_tolerance_s=0.0)  # as over a broker
+    responder = ActionResponder(7, journal, counters, offers=OFFERS, allowed_spaces=(0, 2), limits=limits)
+    for _ in range(2):  # and delivers it twice
+        effects = receive(responder, REQUEST, now=3600.0, utc=UTC + 3600 * TICKS_PER_SECOND)
+        assert not any(isinstance(effect, Execute) for effect in effects)
+        assert (report(effects).state, report(effects).status) == (S.TIMED_OUT, StatusCode.BAD_TIMEOUT)
+    assert counters.drops == {Drop.REFUSED: 1}
+    assert len(journal.executions()) == 1
+
+
 def test_clocks_may_differ_a_little() -> None:
     for seconds in (-6.9, 1.9):
         issued = UTC + round(seconds * TICKS_PER_SECOND)

@@ -250,11 +250,13 @@ OPENING_TABLE: list[tuple[str, Cause, Callable[[bytes], object], str]] = [
     ("a secured chunk", Cause.SECURED, read_chunk, "d1 91 01 0700 0900 00 00000000 00" + SIGNATURE),
     ("a secured discovery chunk", Cause.SECURED, read_chunk, "91 91 09 0700 01 01000000 08" + SIGNATURE),
     ("half a chunk's fields", Cause.TRUNCATED, read_chunk, CHUNK + "0300 00000000 080000"),
-    ("a chunk of nothing", Cause.CHUNK_EMPTY, read_chunk, CHUNK + "0300 00000000 00000000"),
-    ("a chunk without data", Cause.CHUNK_EMPTY, read_chunk, CHUNK + "0300 05000000 08000000"),
-    ("a chunk beyond the end", Cause.CHUNK_RANGE, read_chunk, CHUNK + "0300 07000000 08000000 0102"),
-    ("a chunk at the end of 4 GiB", Cause.CHUNK_RANGE, read_chunk, CHUNK + "0300 ffffffff ffffffff 01"),
-    ("a chunk of a total of 0", Cause.CHUNK_RANGE, read_chunk, CHUNK + "0300 00000000 00000000 01"),
+    ("a chunk of nothing", Cause.CHUNK_EMPTY, read_chunk, CHUNK + "0300 00000000 00000000 00000000"),
+    ("a chunk without data", Cause.CHUNK_EMPTY, read_chunk, CHUNK + "0300 05000000 08000000 ffffffff"),
+    ("a chunk beyond the end", Cause.CHUNK_RANGE, read_chunk, CHUNK + "0300 07000000 08000000 02000000 0102"),
+    ("a chunk of less than it says", Cause.TRUNCATED, read_chunk, CHUNK + "0300 00000000 08000000 03000000 0102"),
+    ("a chunk of more than it says", Cause.TRAILING_BYTES, read_chunk, CHUNK + "0300 00000000 08000000 01000000 0102"),
+    ("a chunk at the end of 4 GiB", Cause.CHUNK_RANGE, read_chunk, CHUNK + "0300 ffffffff ffffffff 01000000 01"),
+    ("a chunk of a total of 0", Cause.CHUNK_RANGE, read_chunk, CHUNK + "0300 00000000 00000000 01000000 01"),
 ]
 """What is refused before there is a message to decode."""
 

@@ -270,8 +270,8 @@ def test_chunk_vectors() -> None:
     whole = bytes.fromhex("d1 01 0700 01 4df4") + b"ABCDEFGH"
     assert join(first, first.data, last.data) == join(last, first.data, last.data) == whole
     # So short a message is never split by us, so the TotalSize is that of a longer one.
-    chunk = split(whole + b"I" * 9, len(parts[0]), 3)[0]
-    assert chunk.replace(b"\x11\0\0\0", b"\x08\0\0\0") == parts[0]
+    chunk = split(whole + b"I" * 12, len(parts[0]), 3)[0]
+    assert chunk.replace(b"\x14\0\0\0", b"\x08\0\0\0") == parts[0]
 
 
 def test_raw_vector() -> None:

@@ -178,6 +178,8 @@ class ScenarioService:
         self._moved: dict[Topic, bool] = {}
         """Likewise each SkillStatus that says something else of what its robot is at, or says nothing any more; and
         whether what it shows is to be taken in."""
+        self._plain: set[NodeId] = set()
+        """Nodes whose values conditions may be about, and that say nothing else of robots or bridges."""
         self._news_at: float | None = None
         self._taken_at = -inf
         """When news were taken in last."""
@@ -509,6 +511,7 @@ class ScenarioService:
     def add_robot(self, robot: RobotModel, *, is_heard: bool) -> None:
         """A robot has come: scenarios may use it from now on."""
         self._robots[robot.name] = robot
+        self._plain.clear()
         for part in (self._values, self._finder, self._tasks):
             part.add(robot)
         if is_heard:
@@ -526,6 +529,7 @@ class ScenarioService:
         self.holds.forget(name)
         self._orchestrator.forget(name)
         del self._robots[name]
+        self._plain.clear()
         for part in (self._values, self._finder, self._tasks):
             part.remove(robot)
         self._look_at_fleet()  # before it could be given to a task
@@ -549,13 +553,17 @@ class ScenarioService:
 
     def value_changed(self, change: ValueChanged) -> None:
         """A node of the fleet has another value or status."""
-        if (bridge := self._bridges.comes_or_goes(change)) is not None:
+        if change.key in self._plain:
+            if self._values.change(change):
+                self._look_again(is_urgent=change.type == BuiltinType.BOOLEAN)
+        elif (bridge := self._bridges.comes_or_goes(change)) is not None:
             self._tell_of_bridge(bridge)
         elif (link := self._bridges.linked(change)) is not None:
             self._take_link(*link)
         elif self._finder.knows(change):
             self._tell_soon(self._finder.changed(change))
         elif self._values.change(change):
+            self._plain.add(change.key)
             self._look_again(is_urgent=change.type == BuiltinType.BOOLEAN)
 
     def published(self, topic: Topic, types: Sequence[int], values: Sequence[object]) -> None:
@@ -566,9 +574,12 @@ class ScenarioService:
 
     def heard(self, event: DataReceived) -> None:
         """Take a robot's SkillStatus; any other data is left alone."""
+        robot = self._tasks.robot_of(event.topic)
+        if robot is None:
+            return
         if quality_of(event.message.status or 0) is Quality.BAD:
             self.source_lost(event.topic)
-        elif (robot := self._tasks.robot_of(event.topic)) is not None:
+        else:
             if event.topic in self._moved:
                 self.take_news()  # what it has said before is not passed over
             self._tasks.show(event)
@@ -653,6 +664,8 @@ class ScenarioService:
 
         So what a thousand robots say one by one is decided, and written down, a few times and not a thousand.
         """
+        if not (self._has_dirty_values or self._has_fleet_changed or self._news or self._moved):
+            return  # most batches are values that no run and no fault is about
         if not self._carrier.is_behind and self._clock() >= self._taken_at + NEWS_PAUSE_S:
             self.take_news()
 

@@ -272,7 +272,9 @@ class Envelope:
         token = group.keyring.tokens.get(heard.token_id)
         if token is None:
             group.keyring.ask()
-            raise DatagramRefused(Drop.UNKNOWN_TOKEN, heard, self._mode, group.group_id)
+            # Under each new key its publisher says it again, so that with a key that is over nothing is lost.
+            cause = Drop.RETAINED if group.keyring.is_over(heard.token_id) else Drop.UNKNOWN_TOKEN
+            raise DatagramRefused(cause, heard, self._mode, group.group_id)
         try:
             return token.key.unprotect(heard)
         except RemoteWireError:

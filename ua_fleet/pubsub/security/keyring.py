@@ -193,6 +193,11 @@ class Keyring:
         order, current = self._order, self._current
         return order[current : current + 2] + order[max(current - 1, 0) : current]
 
+    def is_over(self, token_id: int) -> bool:
+        """Whether a token comes before all that are taken, so that its key is none that is yet to come."""
+        behind = (self._order[0].token_id - token_id) & MAX_TOKEN_ID if self._order else 0
+        return 0 < behind <= MAX_TOKEN_ID >> 1
+
     def ask(self) -> None:
         """Keys are to be fetched now: an unknown token was heard, or a publisher has said that all will be invalid."""
         self._must_fetch = True

@@ -243,3 +243,11 @@ def test_whatever_a_service_does_the_ring_stays_sound(
         assert all(known.until > now for known in keyring.tokens.values())
         assert all(token_id == known.token_id for token_id, known in keyring.tokens.items())
         before = token.token_id
+
+
+def test_a_token_that_is_over_is_told_from_one_that_is_yet_to_come() -> None:
+    keyring = ring(group_keys(7, 3, next_s=10.0))
+    assert [keyring.is_over(token) for token in (1, 6, 7, 9, 10, 500)] == [True, True, False, False, False, False]
+    first = ring(group_keys(1, 3))
+    assert first.is_over(MAX_TOKEN_ID), "after the last one comes 1"
+    assert not Keyring("t-1").is_over(6), "nobody knows without keys"

@@ -1,4 +1,4 @@
-"""Chunks as two other implementations lay them out, which no program of theirs that can be installed sends.
+"""Chunks as two other implementations lay them out. No program of theirs has sent them to us.
 
 The bytes are those that their own tests state: Eclipse Milo's of what it reassembles, and those of UA-.NETStandard of
 what it sends (OPC 10000-14 tables 158 and 159).

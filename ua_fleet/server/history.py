@@ -309,6 +309,10 @@ class HistoryService:
             await asyncio.wait([self._write(self._loop.time())])
         return await self._loop.run_in_executor(self._executor, lambda: _uncollected(work, self._store.series(key)))
 
+    async def in_thread(self, work: Callable[[], Any]) -> Any:
+        """Do work in the thread that has the store, between its other work."""
+        return await self._loop.run_in_executor(self._executor, work)
+
     async def close(self) -> None:
         """Store what waits, and give the store free."""
         self._is_closed = True

@@ -146,8 +146,10 @@ class HistoryService:
         self._mistakes, self._wall = mistakes, wall
         self._loop = asyncio.get_running_loop()
         self._started_at = wall()
-        before, stopped_at = ({}, 0) if self._opened is None else (self._opened.last_times(), self._opened.stopped_at)
-        self._recorder = Recorder(rules.of, before, stopped_at)
+        known = self._opened
+        self._recorder = (
+            Recorder(rules.of) if known is None else Recorder(rules.of, known.last_times(), known.stopped_at)
+        )
         self._backlog = Backlog(MOST_WAITING, MOST_WAITING_BYTES)
         self._writing: asyncio.Future[Any] | None = None
         self._tending: asyncio.Future[bool] | None = None
@@ -301,7 +303,7 @@ class HistoryService:
             if error is not None:
                 self._has_not_tended(error)
             elif not tended.cancelled():
-                self._untended = ""
+                self._has_tended(self._store.over_limit)
                 self._next_tend = 0.0 if tended.result() else self._next_tend
             self.sooner()
 
@@ -319,6 +321,11 @@ class HistoryService:
         if not self._away:
             _log.warning("history is not stored; values wait, and are stored later", reason=reason)
         self._away = f"history is not stored: {reason}"
+
+    def _has_tended(self, over_limit: str) -> None:
+        if over_limit and not self._untended:
+            _log.warning("the history takes more than it may", reason=over_limit)
+        self._untended = over_limit and f"history is stored, but {over_limit}"
 
     def _has_not_tended(self, error: BaseException) -> None:
         """Values are stored all the same; the store grows until this is mended."""

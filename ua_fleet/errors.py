@@ -63,6 +63,7 @@ __all__ = [
     "SkillFailed",
     "SkillRejected",
     "SkillTimeout",
+    "StorageAway",
     "StorageUnavailable",
     "TopicInvalid",
     "TransportError",
@@ -298,6 +299,12 @@ class StorageUnavailable(UaFleetError):
 
     ua_status = StatusCode.BAD_RESOURCE_UNAVAILABLE
     remedy = "Give the process a `state_dir` of its own on a disk with room, readable and writable by it alone."
+
+
+class StorageAway(StorageUnavailable):
+    """A database on the network is not there now; it is worth trying again."""
+
+    remedy = "See whether the database runs and can be reached; the process tries again by itself."
 
 
 class KeySourceUnavailable(UaFleetError):

@@ -59,6 +59,7 @@ from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.skill.journal import MemoryJournal, ResponderJournal
 from ua_fleet.skill.responder import ResponderLimits
+from ua_fleet.storage.control import state_control
 from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.storage.lease_numbers import LeaseNumbers
 from ua_fleet.storage.process_lock import process_lock
@@ -492,6 +493,7 @@ async def run_bridge(
         cleanup.enter_context(process_lock(state_dir / f"{bridge_name}.lock", f"bridge {bridge_name}"))
         if journal is None and driver.has_skills:
             journal = cleanup.enter_context(SqliteJournal(state_dir / JOURNAL))
+        await cleanup.enter_async_context(state_control(state_dir, bridge_name))
         mistakes = monitor.mistakes if monitor is not None else Mistakes()
         shell = _Shell(
             config, bridge_name, driver, transport, state_dir, journal or MemoryJournal(), rule, sent, mistakes, carry

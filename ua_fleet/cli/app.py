@@ -45,6 +45,7 @@ _GROUPS: Final = {
     "user": "Users of the server, and their roles.",
     "keys": "Key files of message security, for fleets without a key service.",
     "audit": "The server's audit log.",
+    "state": "Backups of all that the processes of a fleet have stored.",
     "cert": "Certificates of server, bridges and clients, and the trust in them.",
     "scenario": "Scenarios and their runs.",
     "fault": "Faults of robots.",
@@ -88,6 +89,7 @@ def _build() -> typer.Typer:
         serve,
         show_config,
         skill,
+        state,
         status,
         up,
         user,
@@ -129,6 +131,9 @@ def _build() -> typer.Typer:
     _add(groups["cert"], "forget", cert.forget, cert.FORGET_EXAMPLES)
     _add(groups["cert"], "list", cert.show, cert.LIST_EXAMPLES)
     _add(groups["audit"], "verify", audit.verify, audit.VERIFY_EXAMPLES)
+    _add(groups["state"], "backup", state.backup, state.BACKUP_EXAMPLES)
+    _add(groups["state"], "check", state.check, state.CHECK_EXAMPLES)
+    _add(groups["state"], "restore", state.restore, state.RESTORE_EXAMPLES)
     _add(groups["keys"], "create", keys.create, keys.CREATE_EXAMPLES)
     _add(groups["keys"], "rotate", keys.rotate, keys.ROTATE_EXAMPLES)
     _add(groups["keys"], "list", keys.show, keys.LIST_EXAMPLES)

@@ -56,6 +56,7 @@ def serve(
     from ua_fleet.modbus.gateway import Gateway
     from ua_fleet.modbus.memory import CommandMemory
     from ua_fleet.monitoring import ProcessKind
+    from ua_fleet.storage.control import state_control
 
     folder = config.resolve().parent / modbus.state_dir
 
@@ -75,7 +76,8 @@ def serve(
         memory = CommandMemory(folder / MEMORY)
         try:
             gateway = Gateway(fleet, memory)
-            async with watched as monitor, ModbusListener(gateway.image, modbus, gateway.written) as listener:
+            control = state_control(folder, "modbus")
+            async with watched as monitor, control, ModbusListener(gateway.image, modbus, gateway.written) as listener:
                 monitor.mistakes = gateway.mistakes
                 place = f"{modbus.host}:{modbus.port}"
                 if as_json:

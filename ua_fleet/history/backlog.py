@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from typing import Any, Final, NamedTuple
 
@@ -97,6 +97,30 @@ class Backlog:
         self._rows.extendleft(reversed(self._given.rows))
         self._waiting_bytes += self._given.size
         self._given = Batch([], 0)
+
+    def put_behind(self, stored: Mapping[NodeId, int], stopped_at: int, started_at: int) -> dict[NodeId, int]:
+        """Have all rows later than what a store has that was not known when they came.
+
+        Args:
+            stored: the time of the last row of each node that it has.
+            stopped_at: when the last process that wrote to it was last alive; from then on there is a gap.
+            started_at: when this process began: where a row has a time at which the store has one already.
+
+        Returns:
+            The time of the last row of each node that waits.
+        """
+        rows, last = list(self._rows), dict[NodeId, int]()
+        self._rows.clear()
+        self._waiting_bytes = 0
+        for key, row in rows:
+            time = row.time
+            if key not in last and (before := stored.get(key)) is not None:
+                time = time if time > before else max(started_at, before + 1)
+                if (at := max(before + 1, stopped_at)) < time:
+                    self._append(key, Row(at, BAD_DATA_LOST, 0, None), _ROW_BYTES)
+            last[key] = max(time, last.get(key, -1) + 1)
+            self._append(key, row._replace(time=last[key]), row_bytes(row))
+        return last
 
     def mark_gaps(self) -> None:
         """Add the marks of what was lost, one for each node, whether there is room or not: no row may come to do it."""

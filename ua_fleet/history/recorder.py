@@ -95,6 +95,25 @@ class Recorder:
             return self._keep(key, node, [row])
         return self._keep(key, node, [row] if node.held is None else [node.held, row])
 
+    def put_behind(self, stored: Mapping[NodeId, int], stopped_at: int, waiting: Mapping[NodeId, int]) -> None:
+        """Go on behind what a store has that was not known so far.
+
+        Args:
+            stored: the time of the last row of each node that it has.
+            stopped_at: as at the start.
+            waiting: the time of the last row of each node that waits for it.
+        """
+        self._stopped_at = stopped_at
+        for key in {**stored, **waiting}:
+            after = max(stored.get(key, -1), waiting.get(key, -1))
+            node = self._nodes.get(key)
+            if node is None:
+                self._before[key] = max(after, self._before.get(key, -1))
+                continue
+            node.after = max(node.after, after)
+            if node.held is not None and node.held.time <= node.after:
+                node.held = node.held._replace(time=node.after + 1)
+
     def poll(self, wall: int) -> list[Kept]:
         """The rows of values that have waited for `at_most_each_s`."""
         kept: list[Kept] = []

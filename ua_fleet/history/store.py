@@ -13,7 +13,7 @@ from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import Series
 from ua_fleet.values import NodeId
 
-__all__ = ["HistoryStore", "node_of", "node_text"]
+__all__ = ["HistoryStore", "node_of", "node_text", "over_limit_text"]
 
 
 class HistoryStore(Protocol):
@@ -27,6 +27,11 @@ class HistoryStore(Protocol):
     @property
     def stopped_at(self) -> int:
         """When the last process that wrote to it was last alive, in ticks; 0 where none was."""
+        ...
+
+    @property
+    def over_limit(self) -> str:
+        """Why it takes more bytes than `tend` was told, with all that is old removed, and the remedy; else empty."""
         ...
 
     def last_times(self) -> Mapping[NodeId, int]:
@@ -67,6 +72,12 @@ class HistoryStore(Protocol):
     def close(self) -> None:
         """Give the database free. Safe to call twice."""
         ...
+
+
+def over_limit_text(used: int, most: int) -> str:
+    """What `HistoryStore.over_limit` says of so many bytes."""
+    text = f"takes {used / 1e6:.0f} MB with its old values removed, and history.megabytes is {most / 1e6:.0f}"
+    return f"{text}; raise that, or record fewer nodes" if used > most else ""
 
 
 def node_text(key: NodeId) -> str:

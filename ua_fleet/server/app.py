@@ -36,6 +36,7 @@ from ua_fleet.server.history import HistoryService, open_history
 from ua_fleet.server.key_service.local import LocalKeySource
 from ua_fleet.server.key_service.nodes import KeyServiceNodes
 from ua_fleet.server.key_service.service import KeyService
+from ua_fleet.storage.control import state_control
 from ua_fleet.storage.server_records import ServerRecords
 from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Transport
@@ -102,7 +103,9 @@ async def run_server(
                 given = await _given(config, configured, config_dir, server, monitor, records, history)
                 transport = transport or open_transports(config, config_dir, space=SERVER_SPACE)
                 assembly = Assembly(given, transport, rule, sent)
-                await _serve(server, assembly, mistakes, ready)
+                threads = [] if history is None else [history.in_thread]
+                async with state_control(state_dir, "server", threads):
+                    await _serve(server, assembly, mistakes, ready)
     finally:
         await server.stop()
         loop.set_exception_handler(handler_before)

@@ -18,13 +18,13 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import structlog
 
 from ua_fleet.config.history import HistoryRules
 from ua_fleet.config.history_schema import MEGABYTE, HistoryConfig
-from ua_fleet.errors import StorageUnavailable, add_extra
+from ua_fleet.errors import StorageAway, StorageUnavailable, add_extra
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.history.backlog import Backlog, Full
 from ua_fleet.history.continuation import Continuations
@@ -36,7 +36,7 @@ from ua_fleet.storage.history_store import HISTORY_FILE, SqliteHistory
 from ua_fleet.storage.private_file import read_password
 from ua_fleet.values import TICKS_PER_SECOND, NodeId, ticks_from_unix_ns
 
-__all__ = ["HistoryService", "open_history"]
+__all__ = ["HistoryService", "Opening", "open_history"]
 
 _log: Any = structlog.get_logger("ua_fleet.server")
 
@@ -69,13 +69,26 @@ async def open_history(
         StorageUnavailable: it cannot be used.
     """
     executor = ThreadPoolExecutor(1, thread_name_prefix="history")
+    opening = partial(_open_store, config, config_dir, state_dir)
+    store: HistoryStore | Opening
     try:
-        opening = partial(_open_store, config, config_dir, state_dir)
         store = await asyncio.get_running_loop().run_in_executor(executor, opening)
+    except StorageAway as error:
+        _log.warning("history is not stored yet; values wait, and are stored later", reason=str(error))
+        store = Opening(opening, str(error))
     except BaseException:
         executor.shutdown()
         raise
     return HistoryService(store, executor, rules, int(config.megabytes * MEGABYTE), mistakes)
+
+
+class Opening(NamedTuple):
+    """A store that was away at the start."""
+
+    open: Callable[[], HistoryStore]
+    """Opens it in the thread; raises StorageUnavailable."""
+    reason: str
+    """Why it was not opened."""
 
 
 def _uncollected(work: Callable[[Series], Found], series: Series) -> Found:
@@ -109,7 +122,7 @@ class HistoryService:
 
     def __init__(
         self,
-        store: HistoryStore,
+        store: HistoryStore | Opening,
         executor: ThreadPoolExecutor,
         rules: HistoryRules,
         most_bytes: int,
@@ -119,28 +132,34 @@ class HistoryService:
         """Take over an open store.
 
         Args:
-            store: used in the thread alone.
+            store: used in the thread alone; or how it is opened, again and again until it is there.
             executor: has that thread, and no other.
             rules: what is kept.
             most_bytes: that the store may take.
             mistakes: counts what has cost a row.
             wall: the time.
         """
-        self._store, self._executor, self._most_bytes = store, executor, most_bytes
+        self._opening = store if isinstance(store, Opening) else None
+        self._opened = None if isinstance(store, Opening) else store
+        self._executor, self._most_bytes = executor, most_bytes
         self.rules = rules
         self._mistakes, self._wall = mistakes, wall
         self._loop = asyncio.get_running_loop()
-        self._recorder = Recorder(rules.of, store.last_times(), store.stopped_at)
+        self._started_at = wall()
+        known = self._opened
+        self._recorder = (
+            Recorder(rules.of) if known is None else Recorder(rules.of, known.last_times(), known.stopped_at)
+        )
         self._backlog = Backlog(MOST_WAITING, MOST_WAITING_BYTES)
-        self._points = Continuations(store.secret)
-        self._writing: asyncio.Future[None] | None = None
+        self._writing: asyncio.Future[Any] | None = None
         self._tending: asyncio.Future[bool] | None = None
         self._next_write = self._next_tend = 0.0
         self._pause_s = 0.0
         self._is_closed = False
         self.sooner: Callable[[], None] = lambda: None
         """Called when `poll` is to be called sooner than was said."""
-        self._away = self._untended = ""
+        self._away = "" if self._opening is None else f"history is not stored: {self._opening.reason}"
+        self._untended = ""
         """Why nothing is stored, and why nothing is removed."""
         self.stored = 0
         """Rows since the start."""
@@ -190,7 +209,9 @@ class HistoryService:
             self._add(due)
         if self._writing is not None or self._tending is not None or now < self._next_write:
             return
-        if len(self._backlog) or now >= self._next_write + ALIVE_S:
+        if self._opening is not None:
+            self._open(self._opening)
+        elif len(self._backlog) or now >= self._next_write + ALIVE_S:
             self._write(now)
         elif now >= self._next_tend:
             self._tend(now)
@@ -216,6 +237,35 @@ class HistoryService:
             self.sooner()
 
     # The thread.
+
+    @property
+    def _store(self) -> HistoryStore:
+        """The store; raises StorageUnavailable while it has never been there."""
+        if self._opened is None:
+            raise StorageUnavailable(self._away)
+        return self._opened
+
+    def _open(self, opening: Opening) -> None:
+        """Try to open a store that was away at the start, and put what has come since behind what it has."""
+        self._writing = trying = self._loop.run_in_executor(self._executor, self._open_in_thread, opening)
+
+        def done(tried: asyncio.Future[None]) -> None:
+            self._writing = None
+            error = None if tried.cancelled() else tried.exception()
+            if self._opened is None:
+                self._has_failed(error)
+            else:
+                self._opening = None
+                stored, stopped_at = self._opened.last_times(), self._opened.stopped_at
+                waiting = self._backlog.put_behind(stored, stopped_at, self._started_at)
+                self._recorder.put_behind(stored, stopped_at, waiting)
+                self._has_worked()
+            self.sooner()
+
+        trying.add_done_callback(done)
+
+    def _open_in_thread(self, opening: Opening) -> None:
+        self._opened = opening.open()
 
     def _write(self, now: float) -> asyncio.Future[None]:
         """Have the whole backlog stored in one commit: what fails goes back to where it was."""
@@ -253,7 +303,7 @@ class HistoryService:
             if error is not None:
                 self._has_not_tended(error)
             elif not tended.cancelled():
-                self._untended = ""
+                self._has_tended(self._store.over_limit)
                 self._next_tend = 0.0 if tended.result() else self._next_tend
             self.sooner()
 
@@ -271,6 +321,11 @@ class HistoryService:
         if not self._away:
             _log.warning("history is not stored; values wait, and are stored later", reason=reason)
         self._away = f"history is not stored: {reason}"
+
+    def _has_tended(self, over_limit: str) -> None:
+        if over_limit and not self._untended:
+            _log.warning("the history takes more than it may", reason=over_limit)
+        self._untended = over_limit and f"history is stored, but {over_limit}"
 
     def _has_not_tended(self, error: BaseException) -> None:
         """Values are stored all the same; the store grows until this is mended."""
@@ -292,8 +347,8 @@ class HistoryService:
 
     @property
     def continuations(self) -> Continuations:
-        """What makes continuation points."""
-        return self._points
+        """What makes continuation points; raises StorageUnavailable while the store has never been there."""
+        return Continuations(self._store.secret)
 
     def is_stepped(self, key: NodeId) -> bool | None:
         """Whether a node's value holds until the next one; None for a node without a history."""
@@ -303,11 +358,16 @@ class HistoryService:
         """Do work on the rows of a node in the thread; raises StorageUnavailable."""
         if self._is_closed:
             raise StorageUnavailable("the server ends")
+        store = self._store
         while self._writing is not None:
             await asyncio.wait([self._writing])
         if len(self._backlog) and not self._away:
             await asyncio.wait([self._write(self._loop.time())])
-        return await self._loop.run_in_executor(self._executor, lambda: _uncollected(work, self._store.series(key)))
+        return await self._loop.run_in_executor(self._executor, lambda: _uncollected(work, store.series(key)))
+
+    async def in_thread(self, work: Callable[[], Any]) -> Any:
+        """Do work in the thread that has the store, between its other work."""
+        return await self._loop.run_in_executor(self._executor, work)
 
     async def close(self) -> None:
         """Store what waits, and give the store free."""
@@ -317,12 +377,16 @@ class HistoryService:
             await asyncio.wait([self._writing], timeout=until - self._loop.time())
         self._backlog.add(self._recorder.finish())
         self._backlog.mark_gaps()
-        if self._writing is None:  # otherwise the store does not answer
+        if self._writing is None and self._opened is not None:  # otherwise the store does not answer
             with suppress(StorageUnavailable, TimeoutError):
                 await asyncio.wait_for(asyncio.shield(self._write(self._loop.time())), CLOSING_S)
         if count := self._backlog.untaken:
             _log.warning("history ends with values that were not stored", count=count)
-        closing = self._loop.run_in_executor(self._executor, self._store.close)
+        closing = self._loop.run_in_executor(self._executor, self._close_in_thread)
         done, _ = await asyncio.wait([closing], timeout=CLOSING_S)
         # A disk that does not answer must not keep the process: its end takes the thread along.
         self._executor.shutdown(wait=bool(done))
+
+    def _close_in_thread(self) -> None:
+        if self._opened is not None:
+            self._opened.close()

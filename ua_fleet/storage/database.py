@@ -14,14 +14,16 @@ import contextlib
 import errno
 import os
 import sqlite3
+import threading
+import weakref
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from ua_fleet.errors import UPGRADE, StorageUnavailable, newer_version
-from ua_fleet.storage.files import make_private_folder, sync_folder
+from ua_fleet.storage.files import make_private_folder, sync_folder, unfinished_restore
 
-__all__ = ["Database", "Run", "Statement", "version_of"]
+__all__ = ["Database", "Run", "Statement", "copy_unused", "hold_own", "release_own", "version_of", "what_is_broken"]
 
 APPLICATION_ID: Final = 0x7561_666A
 """`uafj`: tells our files from other SQLite files."""
@@ -29,6 +31,8 @@ Statement = tuple[str, Sequence[Any]]
 """A statement of SQL, with its values."""
 Run = Callable[[str, Sequence[Any]], object]
 """Does a statement, within a transaction."""
+_CHECKPOINT_PAGES: Final = 1_000
+"""Of the log, as SQLite has it: so many are written into the file at once."""
 _LOCK_WAIT_S: Final = 1.0
 """How long the end of a process that still holds the file is waited for."""
 _FULL: Final = (sqlite3.SQLITE_FULL,)
@@ -62,6 +66,8 @@ class Database:
             settings: statements that are done before all others.
             is_checked: whether the whole file is looked at when it is opened, which takes seconds for a large one.
         """
+        if problem := unfinished_restore(path.parent):
+            raise StorageUnavailable(problem)
         self.path = path
         self._shares_sync = False
         self._is_unsynced = False
@@ -84,6 +90,7 @@ class Database:
         except BaseException:
             self._connection.close()
             raise
+        _own.databases.add(self)
 
     def read(self, statement: str, values: Sequence[Any] = ()) -> list[Any]:
         """All rows of a query."""
@@ -158,6 +165,27 @@ class Database:
     def close(self) -> None:
         """Give the file free. Safe to call twice."""
         self._connection.close()
+        _own.databases.discard(self)
+
+    def hold(self) -> None:
+        """Leave the file as it is now, with all that was committed, until `release`; commits go to the log alone.
+
+        Another process may copy it meanwhile. This one must not even open it: closing it would free SQLite's lock.
+        """
+        with _errors(self.path):
+            self._connection.execute("PRAGMA wal_autocheckpoint=0")
+            try:
+                [is_busy, *_] = self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+                if is_busy:
+                    raise StorageUnavailable(f"{self.path} is being read; make the backup again")
+            except BaseException:
+                self.release()
+                raise
+
+    def release(self) -> None:
+        """Let the log be written into the file again."""
+        with _errors(self.path):
+            self._connection.execute(f"PRAGMA wal_autocheckpoint={_CHECKPOINT_PAGES}")
 
     def _prepare(self, version: int, schema: Sequence[str], fill: Callable[[Run], None], *, is_checked: bool) -> None:
         run = self._connection.execute
@@ -202,6 +230,67 @@ class Database:
             if self._connection.in_transaction:  # an error that left nothing to take back has ended it already
                 self._connection.execute("ROLLBACK")
             raise
+
+
+class _Own(threading.local):
+    """The open files of the thread that asks. A connection is used by the thread that made it."""
+
+    def __init__(self) -> None:
+        self.databases: weakref.WeakSet[Database] = weakref.WeakSet()
+
+
+_own = _Own()
+
+
+def hold_own() -> list[Path]:
+    """Hold all files that this thread has open; their paths. Raises StorageUnavailable, and then holds none."""
+    held: list[Path] = []
+    try:
+        for database in list(_own.databases):
+            database.hold()
+            held.append(database.path)
+    except BaseException:
+        release_own()
+        raise
+    return held
+
+
+def release_own() -> None:
+    """Release all files that this thread has open. One that cannot be is released by the next start."""
+    for database in list(_own.databases):
+        with contextlib.suppress(StorageUnavailable):
+            database.release()
+
+
+def copy_unused(path: Path, target: Path) -> None:
+    """Copy a file that no process has open, with what the log of a process that was killed has.
+
+    Args:
+        path: of the file.
+        target: of the copy, which is not there yet.
+
+    Raises:
+        StorageUnavailable: a process has it open, or it cannot be read.
+    """
+    with (
+        _errors(path),
+        contextlib.closing(sqlite3.connect(path, timeout=_LOCK_WAIT_S, isolation_level=None)) as source,
+        contextlib.closing(sqlite3.connect(target)) as copy,
+    ):
+        source.execute("PRAGMA locking_mode=EXCLUSIVE")
+        source.execute("BEGIN IMMEDIATE")
+        source.execute("COMMIT")  # the lock stays
+        source.backup(copy)
+
+
+def what_is_broken(path: Path) -> str:
+    """What SQLite finds wrong within a whole file that nobody else uses; empty where there is nothing."""
+    try:
+        with contextlib.closing(sqlite3.connect(path, timeout=_LOCK_WAIT_S)) as connection:
+            found = str(connection.execute("PRAGMA integrity_check(1)").fetchone()[0])
+    except sqlite3.Error as error:
+        found = str(error)
+    return "" if found == "ok" else " ".join(found.split())
 
 
 def version_of(path: Path) -> int:

@@ -6,8 +6,12 @@ import errno
 import os
 import secrets
 from pathlib import Path
+from typing import Final
 
-__all__ = ["make_private_folder", "open_to_others", "sync_folder", "write_whole"]
+__all__ = ["UNFINISHED", "make_private_folder", "open_to_others", "sync_folder", "unfinished_restore", "write_whole"]
+
+UNFINISHED: Final = ".restoring"
+"""The folder in which a restore prepares; while it is there, the state is not whole."""
 
 
 def make_private_folder(path: Path) -> None:
@@ -85,3 +89,10 @@ def sync_folder(path: Path) -> None:
             raise
     finally:
         os.close(folder)
+
+
+def unfinished_restore(folder: Path) -> str:
+    """Why no process may use a folder with state in which a restore was killed; empty where none was."""
+    if not (folder / UNFINISHED).exists():
+        return ""
+    return f"{folder}: a restore did not end; do it again: ua-fleet state restore FILE"

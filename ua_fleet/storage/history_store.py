@@ -19,7 +19,7 @@ from ua_fleet.errors import RemoteWireError, StorageUnavailable
 from ua_fleet.history.blocks import decode_block, decode_value, encode_block, encode_value
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import EARLIEST, LATEST, Row
-from ua_fleet.history.store import node_of, node_text
+from ua_fleet.history.store import node_of, node_text, over_limit_text
 from ua_fleet.storage.database import Database, Run, Statement
 from ua_fleet.values import TICKS_PER_SECOND, NodeId
 
@@ -35,6 +35,8 @@ _SLICE: Final = 100
 _DAY: Final = 86_400 * TICKS_PER_SECOND
 _FREED_PAGES: Final = 2_000
 """Pages that are given back to the disk at once: 8 MB."""
+_MOST_ROUNDS: Final = 400
+"""Of removing what is too much: after so many there is nothing left."""
 _SCHEMA: Final = (
     "CREATE TABLE meta (name TEXT PRIMARY KEY, value BLOB) WITHOUT ROWID",
     "CREATE TABLE node (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE)",
@@ -62,6 +64,7 @@ class SqliteHistory:
     def __init__(self, path: Path) -> None:
         """Open a file, or make it."""
         self.path = path
+        self.over_limit = ""
         self._database = Database(
             path,
             version=VERSION,
@@ -187,15 +190,19 @@ class SqliteHistory:
 
     def _remove_most(self, now: int, most_bytes: int) -> None:
         """Remove a twentieth of the time that is kept, again and again, while there is too much."""
-        for _ in range(40):
+        for _ in range(_MOST_ROUNDS):
             if self.used_bytes() <= most_bytes:
-                return
+                break
             # A block goes as a whole: one of a node that seldom changes must not hold up all others.
             [(block,)] = self._database.read("SELECT min(last) FROM block")
             [(row,)] = self._database.read("SELECT min(time) FROM row")
-            oldest = min([time for time in (block, row) if time is not None], default=now)
+            times = [int(time) for time in (block, row) if time is not None]
+            if not times:
+                break
+            oldest = min(times)
             before = oldest + max((now - oldest) // 20, TICKS_PER_SECOND)
             self._remove_old(dict.fromkeys(self._ids.values(), before))
+        self.over_limit = over_limit_text(self.used_bytes(), most_bytes)
 
     def _rows(self, number: int, first: int, last: int, most: int, *, backward: bool) -> list[Row]:
         """Those of a node that are in no block."""

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 import asyncpg  # type: ignore[import-untyped]  # pyright: ignore[reportMissingTypeStubs]
 
-from ua_fleet.errors import StorageUnavailable
+from ua_fleet.errors import StorageAway, StorageUnavailable
 
 __all__ = ["TENDING_S", "Connection", "PostgresDatabase"]
 
@@ -122,7 +122,8 @@ class PostgresDatabase:
                 self._connection.terminate()
                 self._connection = None
             if isinstance(error, _FAILURES):
-                raise StorageUnavailable(self._said(error)) from error
+                kind = StorageAway if isinstance(error, _AWAY) else StorageUnavailable
+                raise kind(self._said(error)) from error
             raise
 
     def _said(self, error: Exception) -> str:
@@ -145,6 +146,8 @@ _FAILURES: Final = (
     OSError,
     TimeoutError,
 )
+_AWAY: Final = (asyncpg.CannotConnectNowError, asyncpg.PostgresConnectionError, OSError, TimeoutError)
+"""Those that pass without anybody changing the configuration."""
 _MEANINGS: Final[tuple[tuple[tuple[type[Exception], ...], str], ...]] = (
     (
         (asyncpg.InvalidAuthorizationSpecificationError,),  # and a wrong password, which is one of it

@@ -19,7 +19,7 @@ from ua_fleet.errors import UPGRADE, StorageUnavailable, newer_version
 from ua_fleet.history.blocks import decode_block, decode_value, encode_block, encode_value
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import EARLIEST, LATEST, Row
-from ua_fleet.history.store import node_of, node_text
+from ua_fleet.history.store import node_of, node_text, over_limit_text
 from ua_fleet.storage.history_store import BLOCK_ROWS, BROKEN, CACHED_BLOCKS
 from ua_fleet.storage.postgres import TENDING_S, Connection, PostgresDatabase
 from ua_fleet.values import TICKS_PER_SECOND, NodeId
@@ -83,6 +83,7 @@ class PostgresHistory:
             password: of that user; None where PostgreSQL asks for none.
         """
         self._next_round = 0
+        self.over_limit = ""
         self._aged: list[NodeId] = []
         """Nodes whose age is yet to be looked at in this round."""
         self._database = PostgresDatabase(url, user, password, self._prepare)
@@ -278,6 +279,7 @@ class PostgresHistory:
                 await self._drop_day(connection, min(self._days))
             elif self._days:
                 await self._shorten_day(connection, min(self._days), now, most_bytes / used)
+        self.over_limit = over_limit_text(await _used(connection), most_bytes)
         await self._count_again(connection)
 
     async def _shorten_day(self, connection: Connection, day: int, now: int, share: float) -> None:

@@ -190,3 +190,14 @@ def test_blocks_that_span_a_large_part_of_the_time_go_too(store: HistoryStore) -
     found = all_of(store, KEY)
     assert found == rows[-len(found) :]
     assert 1_000 <= len(found) < len(rows)
+
+
+def test_a_limit_that_cannot_be_reached_is_told(store: HistoryStore) -> None:
+    rows = [row(second, float(second)) for second in range(3_000)]
+    store.write([(KEY, each) for each in rows], NOW)
+    tend(store, NOW + 3_000 * S)
+    assert store.over_limit == ""
+    tend(store, NOW + 4_000 * S, most_bytes=1)
+    assert "takes 0 MB with its old values removed, and history.megabytes is 0; raise that" in store.over_limit
+    tend(store, NOW + 5_000 * S)
+    assert store.over_limit == ""

@@ -15,17 +15,20 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from structlog.testing import capture_logs
 
 from tests.postgres import PASSWORD, USER, Postgres
 from tests.unit.config.test_history import SPEED, config_of
 from ua_fleet.config.history import HistoryRules
 from ua_fleet.config.nodes import fleet_model
-from ua_fleet.errors import StorageUnavailable
+from ua_fleet.errors import StorageAway, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
-from ua_fleet.history.rows import EARLIEST, LATEST, Row
+from ua_fleet.history.continuation import Continuations
+from ua_fleet.history.raw import Phase, Position, RawRead
+from ua_fleet.history.rows import BAD_DATA_LOST, EARLIEST, LATEST, Row
 from ua_fleet.monitoring.mistakes import Mistakes
-from ua_fleet.server.history import HistoryService
-from ua_fleet.values import TICKS_PER_SECOND, NodeId
+from ua_fleet.server.history import HistoryService, Opening
+from ua_fleet.values import TICKS_PER_SECOND, NodeId, ticks_from_unix_ns
 
 pytestmark = pytest.mark.needs("postgres")
 pytest.importorskip("asyncpg")
@@ -167,7 +170,7 @@ def test_a_clock_that_is_years_behind_makes_no_partitions(postgres: Postgres, ur
 
 _WRITER = """
 import sys
-from ua_fleet.errors import StorageUnavailable
+from ua_fleet.errors import StorageAway, StorageUnavailable
 from ua_fleet.history.rows import Row
 from ua_fleet.storage.postgres_history import PostgresHistory
 from ua_fleet.values import NodeId
@@ -287,3 +290,71 @@ def test_a_database_that_does_not_answer_any_more_is_given_up(own: Postgres, mon
         monkeypatch.undo()
         store.write(rows(3, 3), NOON)
         assert times(store) == [0, 1, 2, 3, 4, 5]
+
+
+async def test_a_server_starts_without_its_database_and_stores_what_came_once_that_is_there(own: Postgres) -> None:
+    """What the last process stored, a gap, then all that came while there was no database, in order."""
+    config = config_of({"store": own.url(), "user": USER, "at_least_each_s": 0})
+    rules = HistoryRules(config)
+    for robot in fleet_model(config).robots:
+        rules.add(robot)
+    loop = asyncio.get_running_loop()
+
+    def opened() -> PostgresHistory:
+        return PostgresHistory(own.url(), USER, PASSWORD)
+
+    store = await asyncio.to_thread(opened)
+    begin = ticks_from_unix_ns(time.time_ns())
+    await asyncio.to_thread(store.write, [(SPEED, Row(begin, 0, 11, -2.0))], begin)
+    secret = store.secret
+    await asyncio.to_thread(store.close)
+    await asyncio.to_thread(own.kill)
+    with pytest.raises(StorageAway, match="see whether PostgreSQL runs") as away:
+        await asyncio.to_thread(opened)
+    history = HistoryService(Opening(opened, str(away.value)), ThreadPoolExecutor(1), rules, HUGE, Mistakes())
+    # The robot's value of before, with its old time, then new ones.
+    history.record(ValueChanged(SPEED, 11, -2.0, 0, begin, True))
+    longest = 0.0
+    for number in range(40):
+        now = loop.time()
+        history.record(ValueChanged(SPEED, 11, float(number), 0, None, True))
+        history.poll(now)
+        longest = max(longest, loop.time() - now)
+        await asyncio.sleep(0.005)
+    assert "see whether PostgreSQL runs" in history.problem
+    assert (history.is_stored, history.waiting) == (False, 41)
+    with pytest.raises(StorageUnavailable):
+        await history.look(SPEED, len)  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+    with pytest.raises(StorageUnavailable):
+        _ = history.continuations
+    await asyncio.to_thread(own.start)
+    until = loop.time() + 60
+    while history.problem or history.waiting:
+        assert loop.time() < until, history.problem
+        history.poll(loop.time())
+        await asyncio.sleep(0.01)
+    history.record(ValueChanged(SPEED, 11, 40.0, 0, None, True))
+    found = await history.look(SPEED, lambda series: series.between(EARLIEST, LATEST, 1_000_000))
+    point = history.continuations
+    await history.close()
+    assert [row.value for row in found] == [-2.0, None, -2.0, *map(float, range(41))]
+    assert found[1].status == BAD_DATA_LOST
+    assert [row.time for row in found] == sorted({row.time for row in found})
+    assert longest < 0.1
+    read = RawRead(1, 2, 3, False)
+    assert Continuations(secret).read_raw("n", point.of_raw("n", read, Position(Phase.WITHIN, 1))) is not None
+
+
+async def test_a_server_that_ends_before_its_database_came_says_what_is_lost(own: Postgres) -> None:
+    rules = HistoryRules(config_of({"store": own.url(), "user": USER}))
+    for robot in fleet_model(config_of({})).robots:
+        rules.add(robot)
+
+    def never() -> PostgresHistory:
+        raise StorageAway("it is away")
+
+    history = HistoryService(Opening(never, "it is away"), ThreadPoolExecutor(1), rules, HUGE, Mistakes())
+    history.record(ValueChanged(SPEED, 11, 1.0, 0, None, True))
+    with capture_logs() as logs:
+        await history.close()
+    assert [(each["event"], each["count"]) for each in logs] == [("history ends with values that were not stored", 1)]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+import asyncio
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -69,3 +70,23 @@ async def test_a_server_that_may_not_use_the_database_does_not_start(
         async with serving(tmp_path, config_of(udp_url, tcp_port, postgres.url())):
             pass
     assert "history.password_file" in str(refused.value)
+
+
+async def test_a_server_starts_while_its_database_is_away(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
+    """Values are shown, the history has none yet, and its nodes are as ever; then the database comes."""
+    write_password(tmp_path, PASSWORD)
+    with Postgres() as own:
+        own.kill()
+        async with serving(tmp_path, config_of(udp_url, tcp_port, own.url())) as running, running.client() as client:
+            await client.get_node(GOAL).write_value(0.25)
+            await until(reader(client, GOAL), shows(0.25))
+            begin = datetime.now(UTC) - timedelta(minutes=1)
+            [page] = await ask(client, raw(begin, None, 10), GOAL)
+            assert page.StatusCode.name == "BadDataUnavailable"
+            await asyncio.to_thread(own.start)
+            for _ in range(600):
+                [page] = await ask(client, raw(begin, None, 10), GOAL)
+                if page.StatusCode.is_good():
+                    break
+                await asyncio.sleep(0.1)
+            assert 0.25 in values_of(page)

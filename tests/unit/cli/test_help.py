@@ -51,6 +51,7 @@ COMMANDS = [
     "keys create",
     "keys rotate",
     "keys list",
+    *(f"state {name}" for name in ("backup", "check", "restore")),
     *(f"scenario {name}" for name in ("list", "validate", "dryrun", "run", "watch")),
     *(f"scenario {name}" for name in ("pause", "resume", "abort", "answer", "tell")),
     "fault list",

@@ -67,3 +67,29 @@ def test_a_row_takes_what_its_value_takes() -> None:
     ]
     number = sizes[0]
     assert [size - number for size in sizes] == [0, 100, 400, 800, 20 * 440]
+
+
+def test_rows_that_came_before_the_store_was_known_go_behind_what_it_has() -> None:
+    backlog = Backlog(100, 100_000)
+    new = NodeId(2, 1003)
+    backlog.add(
+        [(KEY, text(50, 1)), (KEY, text(60, 2)), (OTHER, text(150, 3)), (OTHER, text(151, 4)), (new, text(7, 5))]
+    )
+    assert backlog.put_behind({KEY: 100, OTHER: 100}, 110, 130) == {KEY: 131, OTHER: 151, new: 7}
+    assert backlog.take().rows == [
+        (KEY, mark(110)),
+        (KEY, text(130, 1)),  # at the start of this process, since the store has something at its own time
+        (KEY, text(131, 2)),
+        (OTHER, mark(110)),
+        (OTHER, text(150, 3)),
+        (OTHER, text(151, 4)),
+        (new, text(7, 5)),
+    ]
+
+
+def test_rows_that_follow_what_the_store_has_at_once_have_no_gap_before_them() -> None:
+    backlog = Backlog(100, 100_000)
+    backlog.add([(KEY, text(101, 1))])
+    assert backlog.put_behind({KEY: 100}, 0, 0) == {KEY: 101}
+    assert backlog.take().rows == [(KEY, text(101, 1))]
+    assert backlog.size == row_bytes(text(101, 1))

@@ -33,6 +33,7 @@ class Store:
 
     secret = b"secret"
     stopped_at = 0
+    over_limit = ""
 
     def __init__(self) -> None:
         self.rows: list[Kept] = []
@@ -259,3 +260,18 @@ async def test_a_node_that_is_gone_is_not_recorded_twice() -> None:
         give(history, clock, 2.0)
         found = await history.look(SPEED, lambda series: series.between(EARLIEST, LATEST, 10))
         assert [(row.value, row.status) for row in found] == [(1.0, 0), (None, BAD_DATA_LOST), (2.0, 0)]
+
+
+async def test_a_store_that_takes_more_than_it_may_is_told_once_and_so_long() -> None:
+    store, clock = Store(), Clock()
+    async with service(store, clock) as history:
+        with capture_logs() as logs:
+            store.over_limit = "takes 12 MB with its old values removed, and history.megabytes is 10"
+            await polled(history, clock, lambda: bool(history.problem))
+            told = len(store.alive)
+            await polled(history, clock, lambda: len(store.alive) > told + 3)
+        assert history.problem == f"history is stored, but {store.over_limit}"
+        assert history.is_stored
+        assert [each["event"] for each in logs] == ["the history takes more than it may"]
+        store.over_limit = ""
+        await polled(history, clock, lambda: not history.problem)

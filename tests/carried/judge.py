@@ -13,12 +13,19 @@ __all__ = ["problems_of"]
 
 def problems_of(world: World) -> list[str]:
     """All that is wrong with a world that has run."""
-    found = _not_over(world) + _twice(world) + _order(world)
-    return found or _otherwise(world)
+    found = _not_over(world) + _twice(world) + _order(world) + _paused(world)
+    return found or ([] if _stays_paused(world) else _otherwise(world))
+
+
+def _stays_paused(world: World) -> bool:
+    """Whether a person has paused it somewhere, and the server through which it could go on is gone for good."""
+    held = [bridge.holder.runs.get(RUN) for bridge in world.bridges.values()]
+    is_gone = world.server_dies_at <= world.now < world.server_is_back_at
+    return is_gone and any(one is not None and one.is_paused for one in held)
 
 
 def _not_over(world: World) -> list[str]:
-    if world.is_over:
+    if world.is_over or _stays_paused(world):
         return []
     states: dict[int, tuple[str | None, tuple[int, ...]] | None] = {}
     for space, bridge in world.bridges.items():
@@ -59,6 +66,18 @@ def _order(world: World) -> list[str]:
         if after in begun_at and before in begun_at and begun_at[after][0] < begun_at[before][1]:
             found.append(f"step {after} was begun before step {before} had ended")
     return found
+
+
+def _paused(world: World) -> list[str]:
+    """Nothing is begun while every bridge knows that the run is paused."""
+    if not world.still:
+        return []
+    since, until = world.still[0], world.still[1] if len(world.still) > 1 else world.resumes_at
+    return [
+        f"step {begun.step} was begun at {begun.at:.1f}, and all were paused from {since:.1f} to {until:.1f}"
+        for begun in world.robots.begun
+        if since < begun.at < until
+    ]
 
 
 def _pairs(scenario: Scenario) -> list[tuple[str, str]]:

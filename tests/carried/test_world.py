@@ -11,6 +11,7 @@ import pytest
 from tests.carried.judge import problems_of
 from tests.carried.world import World
 from ua_fleet.carrying import Part
+from ua_fleet.carrying.facts import PauseTold
 from ua_fleet.carrying.part import PartSegment, Road
 from ua_fleet.scenario.effects import StartTask
 
@@ -59,6 +60,7 @@ def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
         world.run()
     assert sum(world.kills for world in carried) >= 60
     assert sum(world.server_dies_at < 900 for world in carried) >= 15
+    assert sum(bool(world.still) for world in carried) >= 5
 
 
 def is_found(**wrong: Any) -> bool:
@@ -76,6 +78,10 @@ def test_execution_ids_without_the_attempt_are_found() -> None:
 
 def test_a_join_at_two_bridges_is_found() -> None:
     assert is_found(parts=_two_joins)
+
+
+def test_a_pause_that_is_not_written_down_is_found() -> None:
+    assert is_found(forgets=PauseTold)
 
 
 def _without_attempt(effect: StartTask) -> str:

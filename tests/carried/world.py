@@ -20,6 +20,7 @@ from ua_fleet.carrying import (
     Begin,
     Holder,
     Part,
+    Pause,
     SendEnd,
     SendToken,
     Stop,
@@ -29,9 +30,9 @@ from ua_fleet.carrying import (
     parts_of,
     split,
 )
+from ua_fleet.carrying.effects import Carry
 from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
 from ua_fleet.carrying.fragments import decode_scenario, segment_scenario
-from ua_fleet.carrying.holder import Carry
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Run, Scenario, Value, ValueUnknown
 from ua_fleet.scenario.effects import CancelTask, DecisionNeeded, Effect, ReleaseRobot, StartTask, WantRobot
@@ -204,7 +205,8 @@ class Bridge:
 
     def note(self, fact: CarryFact) -> None:
         """The journal of the holder."""
-        self.write(self.lines, encode_carry_fact(fact))
+        if self.world.forgets is None or not isinstance(fact, self.world.forgets):
+            self.write(self.lines, encode_carry_fact(fact))
 
     def journal_of(self, run_id: str) -> Callable[[Fact], None]:
         """The journal of a segment."""
@@ -251,6 +253,12 @@ class Bridge:
                         run = Run.create(key, scenario, given, self.journal_of(key), by="x", now=self.world.now)
                         self.engine.runs[key] = run
                         self.engine.take(key, run.poll(_unknown, self.world.now))
+                case Pause(run_id=run_id, segments=segments, is_paused=is_paused):
+                    for number in segments:
+                        key = f"{run_id}.{number}"
+                        if (known := self.engine.runs.get(key)) is not None:
+                            change = known.pause if is_paused else known.resume
+                            self.engine.take(key, change("x", self.world.now))
                 case Stop(run_id=run_id, segments=segments, reason=reason):
                     for number in segments:
                         key = f"{run_id}.{number}"
@@ -296,6 +304,7 @@ class World:
         is_lazy: bool = False,
         identity: Callable[[StartTask], str] | None = None,
         parts: Callable[[dict[int, Part]], dict[int, Part]] = lambda parts: parts,
+        forgets: type[CarryFact] | None = None,
     ) -> None:
         """Make it.
 
@@ -304,9 +313,11 @@ class World:
             is_lazy: a wrong journal, which writes later than it says.
             identity: a wrong execution id.
             parts: makes wrong parts of right ones.
+            forgets: a kind of fact that a wrong journal leaves out.
         """
         self.random = Random(seed)
         self.seed, self.now, self.is_lazy, self.kills = seed, 0.0, is_lazy, 0
+        self.forgets = forgets
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = count()
         self.scenario = scenario_by(Random(f"scenario {seed}"))
@@ -325,6 +336,12 @@ class World:
         self.cuts = [self._cut() for _ in range(self.random.randint(0, 3))]
         self.server_dies_at = self.random.choice((END_S * 2, self.random.uniform(0.0, 20.0)))
         self.server_is_back_at = self.random.choice((END_S * 2, self.server_dies_at + self.random.uniform(1.0, 90.0)))
+        self.pauses_at = self.random.choice((END_S * 2, self.random.uniform(1.0, 20.0)))
+        self.resumes_at = self.pauses_at + self.random.uniform(1.0, 60.0)
+        self.paused_told: set[int] = set()
+        self.resumed_told: set[int] = set()
+        self.still: list[float] = []
+        """From when all bridges knew that the run is paused, and until when."""
         self.accepted: set[int] = set()
         self.has_begun = self.is_closing = False
         self.ended_told: set[int] = set()
@@ -427,6 +444,8 @@ class World:
                     self._tell_server_end(bridge)
             elif space not in self.accepted:
                 self._offer(bridge, encode_part(part))
+        if self.has_begun and not self.is_closing:
+            self._pause()
         if not self.is_closing and not self.has_begun and len(self.accepted) == len(self.parts):
             self._begin(self.bridges[self.plan.segments[0].space])
 
@@ -446,6 +465,32 @@ class World:
 
     def _begun(self) -> None:
         self.has_begun = True
+
+    def _pause(self) -> None:
+        """Have all bridges pause, and go on later: each is told until it has acknowledged."""
+        if self.now < self.pauses_at:
+            return
+        is_paused = self.now < self.resumes_at
+        if not is_paused and len(self.still) == 1:
+            self.still.append(self.now)
+        told = self.paused_told if is_paused else self.resumed_told
+        for bridge in self.bridges.values():
+            if bridge.space not in told:
+                self._tell_pause(bridge, told, is_paused=is_paused)
+
+    def _tell_pause(self, bridge: Bridge, told: set[int], *, is_paused: bool) -> None:
+        def acknowledged() -> None:
+            told.add(bridge.space)
+            if is_paused and len(told) == len(self.bridges) and self.now < self.resumes_at and not self.still:
+                self.still.append(self.now)
+
+        def take() -> None:
+            if is_paused and self.now >= self.resumes_at:
+                return  # who asks has its own order: a request that is late is not answered any more
+            bridge.do(bridge.holder.take_pause(RUN, is_paused, "x", self.now))
+            self.carry(bridge.space, 0, acknowledged)
+
+        self.carry(0, bridge.space, lambda: self._refusable(bridge, take))
 
     def _tell_server_end(self, bridge: Bridge) -> None:
         def take() -> None:

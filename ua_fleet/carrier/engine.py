@@ -30,7 +30,7 @@ from ua_fleet.operation.runs.library import Checked
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.skills.commands import SkillCommands
-from ua_fleet.orchestrator import Output, RunChanged
+from ua_fleet.orchestrator import DecisionChanged, Output, RunChanged
 from ua_fleet.pubsub.events import (
     ActionReceived,
     AnnouncementReceived,
@@ -45,6 +45,7 @@ from ua_fleet.pubsub.events import (
     SubscriberEvent,
 )
 from ua_fleet.pubsub.subscriber import Subscriber
+from ua_fleet.resilience import Confirmation
 from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome
 from ua_fleet.scenario.model import Sequence
@@ -114,6 +115,7 @@ class SegmentEngine:
         records: CarriedRecords,
         *,
         happened: Callable[[str, Fact], None],
+        decided: Callable[[DecisionChanged], None],
         ended: Callable[[SegmentEnd], None],
     ) -> None:
         """Make an engine, which goes on where the journal ends.
@@ -124,10 +126,11 @@ class SegmentEngine:
             ground: the bridge.
             records: of the bridge.
             happened: told of each fact of a segment once it is written down.
+            decided: told of decisions about who takes a task over, while they are open and when they are over.
             ended: told of the end of a segment, in a turn of the loop of its own.
         """
         self._space, self._ground, self._records = space, ground, records
-        self._happened, self._ended = happened, ended
+        self._happened, self._decided, self._ended = happened, decided, ended
         self._log: Any = structlog.get_logger("ua_fleet.carrier")
         timing, model = config.pubsub.timing(), fleet_model(config)
         self._local = Subscriber(
@@ -227,6 +230,15 @@ class SegmentEngine:
         elif (record := self._segments.get(run_id)) is not None and record.state.outcome is not None:
             self._tell_end(record)
 
+    def pause_segment(self, run_id: str, by: str, *, is_paused: bool) -> None:
+        """Begin no further task of a segment, or go on with it."""
+        if self._service.has(run_id):
+            (self._service.pause if is_paused else self._service.resume)(run_id, by)
+
+    def confirm(self, decision_id: str, robot: str, by: str) -> Confirmation:
+        """A person chooses who takes a task over; raises ScenarioError."""
+        return self._service.confirm(decision_id, robot, by)
+
     def answer(self, run_id: str, step: str, answer: str, by: str) -> None:
         """A person says what became of a task of a segment; raises ScenarioError."""
         self._service.answer(run_id, step, answer, by)
@@ -324,6 +336,8 @@ class SegmentEngine:
     # What has happened.
 
     def _show(self, output: Output) -> None:
+        if isinstance(output, DecisionChanged):
+            self._decided(output)
         if not isinstance(output, RunChanged):
             return
         record = self._segments.get(output.run_id)

@@ -20,12 +20,14 @@ from ua_fleet.bridge.carry import CarryFactory, CarryGround
 from ua_fleet.bridge.immediate import ImmediateActions
 from ua_fleet.carrier.engine import INSTANCE, SegmentEnd, SegmentEngine
 from ua_fleet.carrier.outbox import Outbox
-from ua_fleet.carrying import Begin, Holder, Stop, segment_run
+from ua_fleet.carrying import Begin, Holder, Pause, segment_run
+from ua_fleet.carrying.effects import Carry, Stop
 from ua_fleet.carrying.fragments import segment_scenario
-from ua_fleet.carrying.holder import Carry
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import LocalWireError, ScenarioError, StorageUnavailable
+from ua_fleet.operation.runs.decision_words import encode_decision
+from ua_fleet.orchestrator import DecisionChanged
 from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, CARRY_REQUEST, CARRY_RESPONSE, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, SubscriberEvent
 from ua_fleet.scenario.facts import Fact, encode_fact
@@ -41,6 +43,8 @@ __all__ = ["carrier_of"]
 REQUESTS_AT_ONCE: Final = 64
 PAGE_BYTES: Final = 24_000
 """Facts of one answer to the server, before they are compressed."""
+MOST_DECISIONS: Final = 8
+"""Of one run, about who takes a task over, that the server is told of: the last ones."""
 _BYTES: Final = (int(BuiltinType.BYTE_STRING),)
 
 
@@ -77,6 +81,8 @@ class _Carrier:
         self._pages: dict[str, list[str]] = {}
         """The facts of each run here, as the server fetches them."""
         spaces = {bridge.space: each for each, bridge in config.bridges.items()}
+        self._decisions: dict[str, dict[str, DecisionChanged]] = {}
+        """The last ones of each run about who takes a task over, by their ids."""
         self._outbox = Outbox(self._space, ns, spaces, ground, self._log)
         self._actions = ImmediateActions(
             self._space,
@@ -149,6 +155,7 @@ class _Carrier:
                 self._ground,
                 self._open(),
                 happened=self._happened,
+                decided=self._decided,
                 ended=self._segment_ended,
             )
             self._engine.begin(now)
@@ -214,6 +221,12 @@ class _Carrier:
                 answer = self._page(decode_words(content))
             case Word.ANSWER if sender == 0:
                 self._answer(decode_words(content))
+            case Word.PAUSE if sender == 0:
+                words = decode_words(content)
+                run_id, by = str(words.get("run", "")), str(words.get("by", ""))
+                self._do(self._holder.take_pause(run_id, bool(words.get("paused")), by, wall_s))
+            case Word.CONFIRM if sender == 0:
+                answer = self._confirm(decode_words(content)).encode()
             case _:
                 raise RunUnknown(f"there is no word {word} of carried runs for space {sender}")
         return pack(_BYTES, (answer,))
@@ -240,6 +253,12 @@ class _Carrier:
                 return
         raise RunUnknown(f"nobody is asked about step {step!r} of run {run_id!r} here")
 
+    def _confirm(self, words: dict[str, Any]) -> str:
+        run_id, decision, robot, by = (str(words.get(name, "")) for name in ("run", "decision", "robot", "by"))
+        if self._engine is None or decision not in self._decisions.get(run_id, {}):
+            raise RunUnknown(f"there is no decision {decision!r} of run {run_id!r} here")
+        return self._engine.confirm(decision, robot, by).value
+
     def _page(self, words: dict[str, Any]) -> bytes:
         """The facts that the server has not, as far as one answer has room, and how the run is here."""
         run_id, after = str(words.get("run", "")), int(words.get("after", 0))
@@ -259,6 +278,7 @@ class _Carrier:
             "active": list(held.active),
             "waits": self._outbox.waits(run_id),
             "closed": None if closed is None else [closed.at, closed.outcome, closed.reason],
+            "decisions": [encode_decision(changed) for changed in self._decisions.get(run_id, {}).values()],
         }
         return zlib.compress(encode_words(**told))
 
@@ -274,16 +294,28 @@ class _Carrier:
                 scenario = segment_scenario(held.part.scenario, effect.segment.body, values)
                 engine.begin_segment(segment_run(effect.run_id, effect.segment.number), scenario, held.part.by)
             else:
-                self._stop(engine, effect)
+                self._tell_engine(engine, effect)
         self._ground.loop.call_soon(self._send_out)
 
-    def _stop(self, engine: SegmentEngine, effect: Stop) -> None:
+    def _tell_engine(self, engine: SegmentEngine, effect: Stop | Pause) -> None:
         for number in effect.segments:
+            run_id = segment_run(effect.run_id, number)
             with self._ground.mistakes.guard("carried runs", run_id=effect.run_id):
-                engine.stop_segment(segment_run(effect.run_id, number), effect.reason)
+                if isinstance(effect, Pause):
+                    engine.pause_segment(run_id, effect.by, is_paused=effect.is_paused)
+                else:
+                    engine.stop_segment(run_id, effect.reason)
 
     def _happened(self, segment: str, fact: Fact) -> None:
         self._pages.setdefault(segment.rpartition(".")[0], []).append(encode_fact(fact))
+
+    def _decided(self, changed: DecisionChanged) -> None:
+        """Keep it for the server, where it is of a segment."""
+        known = self._decisions.setdefault(changed.run_id.rpartition(".")[0], {})
+        known.pop(changed.event.decision_id, None)
+        known[changed.event.decision_id] = changed
+        while len(known) > MOST_DECISIONS:
+            del known[next(iter(known))]
 
     def _segment_ended(self, end: SegmentEnd) -> None:
         run_id, _, number = end.run_id.rpartition(".")
@@ -322,6 +354,7 @@ class _Carrier:
             records.forget(run_id)
             self._holder.forget(run_id)
             self._pages.pop(run_id, None)
+            self._decisions.pop(run_id, None)
 
     def poll(self, now: float) -> None:
         """Do what is due."""

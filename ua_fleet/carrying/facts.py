@@ -15,6 +15,7 @@ __all__ = [
     "EndTold",
     "HandedOver",
     "PartTaken",
+    "PauseTold",
     "RunClosed",
     "SegmentBegun",
     "SegmentOver",
@@ -103,7 +104,18 @@ class EndTold:
     space: int
 
 
-CarryFact = PartTaken | TokenTaken | SegmentBegun | SegmentOver | HandedOver | RunClosed | EndTold
+@dataclass(frozen=True, slots=True)
+class PauseTold:
+    """The server has told this bridge to begin no further task of a run, or to go on."""
+
+    at: float
+    run_id: str
+    is_paused: bool
+    by: str
+    """The person who wants it."""
+
+
+CarryFact = PartTaken | TokenTaken | SegmentBegun | SegmentOver | HandedOver | RunClosed | EndTold | PauseTold
 
 _KINDS: Final[dict[str, type[Any]]] = {kind.__name__: kind for kind in CarryFact.__args__}
 

@@ -5,8 +5,9 @@
                begun --ended--> over                             journal the end before any token of it is sent
                over  --each token acknowledged--> handed over    a token is sent until its target says that it has it
                a slot failed, or WHOLE --> over as failed, without its steps
+               paused: none is begun, tokens wait in their slots
     run        the last segment over, an `end`, an abort --> closed --each other bridge acknowledged--> told
-               no part, token or end for `lease_s` --> lost: its reservations end, later tokens are refused
+               no part, token or end for `lease_s`, and not paused --> lost; its reservations end
 
 A fact is journaled first, then applied, then what follows is done. All that is done follows from the facts alone, so
 that a process that is killed at any moment asks for the same again: `begin` of a segment whose run the engine has
@@ -18,26 +19,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final
 
+from ua_fleet.carrying.effects import Begin, Carry, Pause, SendEnd, SendToken, Stop
 from ua_fleet.carrying.facts import (
     CarryFact,
     EndTold,
     HandedOver,
     PartTaken,
+    PauseTold,
     RunClosed,
     SegmentBegun,
     SegmentOver,
     TokenTaken,
 )
-from ua_fleet.carrying.part import Part, PartInvalid, PartSegment, Road, decode_part
+from ua_fleet.carrying.part import Part, PartInvalid, Road, decode_part
 from ua_fleet.carrying.token import WHOLE, Token, TokenInvalid, decode_token, encode_token
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Value
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import StatusCode
 
-__all__ = ["LOST", "MOST_RUNS", "Begin", "Carry", "HeldRun", "Holder", "RunRefused", "SendEnd", "SendToken", "Stop"]
+__all__ = ["LOST", "MOST_RUNS", "HeldRun", "Holder", "RunRefused"]
 
 MOST_RUNS: Final = 100
 """Carried runs that a bridge has at a time."""
@@ -54,44 +57,6 @@ class RunRefused(ScenarioError):
     remedy = "See the state of the run in the server."
 
 
-class Begin(NamedTuple):
-    """Have the engine run a segment; said again for one that it has, nothing happens."""
-
-    run_id: str
-    segment: PartSegment
-    values: dict[str, Value]
-    """Results of segments before."""
-
-
-class SendToken(NamedTuple):
-    """A token that its target has not acknowledged."""
-
-    run_id: str
-    segment: int
-    road: Road
-    content: bytes
-
-
-class SendEnd(NamedTuple):
-    """The end of a run, which a bridge has not acknowledged."""
-
-    run_id: str
-    space: int
-    outcome: str
-    reason: str
-
-
-class Stop(NamedTuple):
-    """Have the engine end what it has of a run."""
-
-    run_id: str
-    segments: tuple[int, ...]
-    reason: str
-
-
-Carry = Begin | Stop
-
-
 @dataclass(slots=True)
 class HeldRun:
     """A run as this bridge knows it."""
@@ -105,6 +70,8 @@ class HeldRun:
     over: dict[int, SegmentOver] = field(default_factory=dict[int, SegmentOver])
     handed: set[tuple[int, int, int]] = field(default_factory=set[tuple[int, int, int]])
     """Segment that is over, and the segment and slot of each token of it that its target has."""
+    pause: PauseTold | None = None
+    """What was said last, where anything was."""
     closed: RunClosed | None = None
     told: set[int] = field(default_factory=set[int])
     """Bridges that have acknowledged the end."""
@@ -113,6 +80,11 @@ class HeldRun:
     def active(self) -> tuple[int, ...]:
         """The segments that are under way."""
         return tuple(number for number in self.begun if number not in self.over)
+
+    @property
+    def is_paused(self) -> bool:
+        """Whether nothing is to be begun."""
+        return self.pause is not None and self.pause.is_paused
 
 
 class Holder:
@@ -207,6 +179,20 @@ class Holder:
             raise RunRefused(f"space {sender} is not in run {run_id}")
         return [] if held.closed is not None else self._close(held, outcome, reason, sender, now)
 
+    def take_pause(self, run_id: str, is_paused: bool, by: str, now: float) -> list[Carry]:
+        """The server has a run paused, or go on; the same again, or of a run that is over, changes nothing.
+
+        Raises:
+            RunRefused: the run is not known here.
+        """
+        held = self.runs.get(run_id)
+        if held is None:
+            raise RunRefused(f"there is no part of run {run_id[:80]} here")
+        if held.closed is not None or held.is_paused == is_paused:
+            return []
+        self._note(PauseTold(now, run_id, is_paused, by))
+        return self._paused(held) if is_paused else self._resumed(held, now)
+
     # What comes from the engine.
 
     def segment_ended(
@@ -251,10 +237,7 @@ class Holder:
                 if held.active:
                     effects.append(Stop(held.part.run_id, held.active, held.closed.reason or held.closed.outcome))
                 continue
-            effects += [self._begin(held, number) for number in held.active]
-            for number in held.part.segments:
-                if number not in held.begun and number not in held.over:
-                    effects += self._go_on(held, number, now)
+            effects += self._paused(held) if held.is_paused else self._resumed(held, now)
             for number in list(held.over):
                 if held.closed is None:
                     effects += self._after(held, number, now)
@@ -296,14 +279,14 @@ class Holder:
         """Runs of which nothing has come for their lease are lost: what they have reserved is free."""
         effects: list[Carry] = []
         for held in list(self.runs.values()):
-            if held.closed is None and not held.active and now >= held.heard + held.part.lease_s:
+            if _may_be_lost(held) and now >= held.heard + held.part.lease_s:
                 reason = f"nothing came of it for {held.part.lease_s:g} s"
                 effects += self._close(held, LOST, reason, self._space, now)
         return effects
 
     def next_deadline(self) -> float | None:
         """When `poll` has something to do, by the wall clock, or None."""
-        ends = [held.heard + held.part.lease_s for held in self.runs.values() if not held.closed and not held.active]
+        ends = [held.heard + held.part.lease_s for held in self.runs.values() if _may_be_lost(held)]
         return min(ends, default=None)
 
     def reserved_for(self, robot: str, asking: int | None = None) -> str:
@@ -346,8 +329,25 @@ class Holder:
         if failed:
             self._note(SegmentOver(now, held.part.run_id, number, failed))
             return self._after(held, number, now)
+        if held.is_paused:
+            return []
         self._note(SegmentBegun(now, held.part.run_id, number))
         return [self._begin(held, number)]
+
+    def _paused(self, held: HeldRun) -> list[Carry]:
+        """Have the engine begin nothing; a segment that it has not got yet it does not get."""
+        pause = held.pause
+        return [Pause(held.part.run_id, held.active, True, pause.by)] if pause is not None and held.active else []
+
+    def _resumed(self, held: HeldRun, now: float) -> list[Carry]:
+        """Have the engine go on with what was begun, and begin what can be."""
+        effects: list[Carry] = [self._begin(held, number) for number in held.active]
+        if held.pause is not None and held.active:
+            effects.append(Pause(held.part.run_id, held.active, False, held.pause.by))
+        for number in held.part.segments:
+            if number not in held.begun and number not in held.over:
+                effects += self._go_on(held, number, now)
+        return effects
 
     def _begin(self, held: HeldRun, number: int) -> Begin:
         return Begin(held.part.run_id, held.part.segments[number], self._values(held, number))
@@ -438,3 +438,10 @@ class Holder:
                 held.closed = fact
             case EndTold():
                 held.told.add(fact.space)
+            case PauseTold():
+                held.pause = fact
+
+
+def _may_be_lost(held: HeldRun) -> bool:
+    """Whether a run is over by itself when nothing more comes of it."""
+    return held.closed is None and not held.active and not held.is_paused

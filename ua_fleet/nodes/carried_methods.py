@@ -6,7 +6,7 @@ They are Methods of their own, since a Method whose arguments change is another 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from ua_fleet.endpoint.hardened_server import HardenedServer
@@ -16,11 +16,12 @@ from ua_fleet.nodes.method_factory import NOT_FOUND, NOT_POSSIBLE, NOT_VALID, Me
 from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.scenario_nodes import SCENARIOS
 from ua_fleet.operation.runs.carried import CarriedRuns
+from ua_fleet.operation.runs.carried_questions import BridgesAnswered
 from ua_fleet.operation.runs.library import MOST_BYTES, ScenarioUnknown
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.values import ARRAY, BuiltinType
 
-__all__ = ["CarriedMethods"]
+__all__ = ["CarriedMethods", "said_by_bridges"]
 
 _TEXT: Final = int(BuiltinType.STRING)
 _TEXTS: Final = int(BuiltinType.STRING | ARRAY)
@@ -61,6 +62,25 @@ class CarriedMethods:
         async with self._at_once:
             valid = await asyncio.to_thread(self._service.valid, _short(scenario))
         return (self._carried.start(valid, names, values, caller().name),)
+
+
+async def said_by_bridges(ask: Callable[[BridgesAnswered], object]) -> str:
+    """What a bridge has answered to a person; `ask` hands on what that has said.
+
+    Raises:
+        ScenarioError: no bridge has taken it, and why.
+    """
+    answered: asyncio.Future[tuple[str, str]] = asyncio.get_running_loop().create_future()
+
+    def said(problem: str, answer: str) -> None:
+        if not answered.done():
+            answered.set_result((problem, answer))
+
+    ask(said)
+    problem, answer = await answered
+    if problem:
+        raise ScenarioError(problem)
+    return answer
 
 
 def _short(scenario: str) -> str:

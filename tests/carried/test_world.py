@@ -61,11 +61,12 @@ def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
     assert sum(world.kills for world in carried) >= 60
     assert sum(world.server_dies_at < 900 for world in carried) >= 15
     assert sum(bool(world.still) for world in carried) >= 5
+    assert sum(world.off.is_done for world in carried) >= 5
 
 
-def is_found(**wrong: Any) -> bool:
+def is_found(seeds: int = WRONG, **wrong: Any) -> bool:
     """Whether any world finds it."""
-    return any(judged(seed, **wrong) for seed in range(WRONG))
+    return any(judged(seed, **wrong) for seed in range(seeds))
 
 
 def test_a_journal_that_is_written_after_sending_is_found() -> None:
@@ -81,7 +82,11 @@ def test_a_join_at_two_bridges_is_found() -> None:
 
 
 def test_a_pause_that_is_not_written_down_is_found() -> None:
-    assert is_found(forgets=PauseTold)
+    assert is_found(FEW, forgets=PauseTold)
+
+
+def test_an_adoption_without_an_epoch_is_found() -> None:
+    assert is_found(no_epoch=True)
 
 
 def _without_attempt(effect: StartTask) -> str:

@@ -47,7 +47,7 @@ from ua_fleet.pubsub.events import (
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.resilience import Confirmation
 from ua_fleet.scenario import Scenario, Value
-from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome
+from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, RunOutcome
 from ua_fleet.scenario.model import Sequence
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.storage.carried_records import CarriedRecords
@@ -92,6 +92,15 @@ class _SegmentService(ScenarioService):
     def has(self, run_id: str) -> bool:
         """Whether a segment is under way."""
         return run_id in self._orchestrator.runs
+
+    def adopt_segment(self, run_id: str, scenario: Scenario, by: str, facts: Iterable[Fact]) -> None:
+        """Go on with a segment that another bridge had, from what is known of it."""
+        self.take_news()
+        now, values = self._wall_s(), {one.name: one.default for one in scenario.parameters}
+        given = {name: value for name, value in values.items() if value is not None}
+        known: list[Fact] = [RunCreated(now, run_id, scenario.text, given, by), *facts]
+        self.note(run_id, known)
+        self._do(self._orchestrator.restore_all([(run_id, scenario, known)], now))
 
     def begin_segment(self, run_id: str, scenario: Scenario, by: str) -> None:
         """Begin a segment; what its first tasks are asked with is written down before they are asked."""
@@ -159,6 +168,8 @@ class SegmentEngine:
         )
         self._actions = [action for robot in model.robots for action in robot.actions()]
         self._segments: dict[str, RunRecord] = {}
+        self._off: set[int] = set()
+        """Spaces of bridges that a person has said are off."""
         self._queue: deque[bytes] = deque()
         """What the bridge has said, and is taken in with the next turn of the loop."""
         self._next_tick = 0.0
@@ -214,20 +225,35 @@ class SegmentEngine:
         """Why segments stand still; empty while they go on."""
         return self._service.problem
 
-    def begin_segment(self, run_id: str, scenario: Scenario, by: str) -> None:
-        """Begin a segment, unless it was begun before."""
+    def begin_segment(self, run_id: str, scenario: Scenario, by: str, facts: Iterable[Fact] = ()) -> None:
+        """Begin a segment, unless it was begun before; with facts, go on with one that another bridge had."""
         record = self._segments.get(run_id)
         if record is not None or self._service.has(run_id):
             if record is not None and record.state.outcome is not None:
                 self._tell_end(record)
             return
-        self._service.begin_segment(run_id, scenario, by)
+        if known := list(facts):
+            self._service.adopt_segment(run_id, scenario, by, known)
+        else:
+            self._service.begin_segment(run_id, scenario, by)
+
+    def lose_bridge(self, space: int, by: str) -> None:
+        """A person says that a bridge is off: its robots have a fault until something is heard of them."""
+        self._off.add(space)
+        for robot in self._robots_of(space):
+            self._service.raise_fault(robot, f"its bridge is off, as {by} has said")
+
+    def _robots_of(self, space: int) -> list[str]:
+        robots = self._service.robots.values()
+        return [robot.name for robot in robots if robot.skill_status is not None and robot.skill_status.space == space]
 
     def stop_segment(self, run_id: str, reason: str) -> None:
         """End a segment; what its robots are at is halted."""
         if self._service.has(run_id):
             self._service.abort(run_id, reason, "the end of the run")
-        elif (record := self._segments.get(run_id)) is not None and record.state.outcome is not None:
+        elif (record := self._segments.get(run_id)) is None:  # the process was killed before it had begun
+            self._ground.loop.call_soon(self._ended, SegmentEnd(run_id, reason, {}, "", reason))
+        elif record.state.outcome is not None:
             self._tell_end(record)
 
     def pause_segment(self, run_id: str, by: str, *, is_paused: bool) -> None:
@@ -302,6 +328,10 @@ class SegmentEngine:
 
     def _follow(self, event: SubscriberEvent) -> None:
         if isinstance(event, DataReceived):
+            if event.topic.space in self._off:
+                self._off.discard(event.topic.space)
+                for robot in self._robots_of(event.topic.space):
+                    self._service.clear_fault(robot)
             self._service.heard(event)
         elif isinstance(event, SourceReturned):
             self._service.source_returned(event.topic)

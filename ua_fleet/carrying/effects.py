@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 from ua_fleet.carrying.part import PartSegment, Road
 from ua_fleet.scenario import Value
+from ua_fleet.scenario.facts import Fact, RunClosing, RunOutcome, RunPaused, RunResumed
 
-__all__ = ["Begin", "Carry", "Pause", "SendEnd", "SendToken", "Stop"]
+__all__ = ["AskEpoch", "Begin", "Carry", "Gone", "Pause", "Send", "SendEnd", "SendToken", "Stop", "fact_before"]
 
 
 class Begin(NamedTuple):
@@ -17,6 +18,16 @@ class Begin(NamedTuple):
     segment: PartSegment
     values: dict[str, Value]
     """Results of segments before."""
+    facts: tuple[str, ...] = ()
+    """Lines of what was done of it already, at a bridge that is off."""
+
+
+class Gone(NamedTuple):
+    """A person has said that a bridge is off: the engine knows that its robots can do nothing."""
+
+    run_id: str
+    space: int
+    by: str
 
 
 class SendToken(NamedTuple):
@@ -37,6 +48,13 @@ class SendEnd(NamedTuple):
     reason: str
 
 
+class AskEpoch(NamedTuple):
+    """A bridge is asked whether the token of this one was adopted meanwhile."""
+
+    run_id: str
+    space: int
+
+
 class Stop(NamedTuple):
     """Have the engine end what it has of a run."""
 
@@ -54,4 +72,12 @@ class Pause(NamedTuple):
     by: str
 
 
-Carry = Begin | Pause | Stop
+Carry = Begin | Gone | Pause | Stop
+Send = SendToken | SendEnd | AskEpoch
+
+
+def fact_before(effect: Pause | Stop, now: float) -> Fact:
+    """What the journal of a segment gets before its engine goes on after a restart, so that nothing is begun first."""
+    if isinstance(effect, Stop):
+        return RunClosing(now, RunOutcome.ABORTED, effect.reason)
+    return RunPaused(now, effect.by) if effect.is_paused else RunResumed(now, effect.by)

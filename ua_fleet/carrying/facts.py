@@ -14,6 +14,7 @@ __all__ = [
     "CarryFact",
     "EndTold",
     "HandedOver",
+    "PartAdopted",
     "PartTaken",
     "PauseTold",
     "RunClosed",
@@ -115,7 +116,18 @@ class PauseTold:
     """The person who wants it."""
 
 
-CarryFact = PartTaken | TokenTaken | SegmentBegun | SegmentOver | HandedOver | RunClosed | EndTold | PauseTold
+@dataclass(frozen=True, slots=True)
+class PartAdopted:
+    """A bridge of the run is off: this one has its part anew, with the next epoch. See `adoption`."""
+
+    at: float
+    run_id: str
+    content: str
+
+
+CarryFact = (
+    PartTaken | TokenTaken | SegmentBegun | SegmentOver | HandedOver | RunClosed | EndTold | PauseTold | PartAdopted
+)
 
 _KINDS: Final[dict[str, type[Any]]] = {kind.__name__: kind for kind in CarryFact.__args__}
 

@@ -51,6 +51,19 @@ class CarriedMethods:
             MethodArgument("ParameterNames", _TEXTS, "parameters of the scenario; the others have their defaults"),
             MethodArgument("ParameterValues", _TEXTS, "their values, e.g. 20, true, left"),
         ), (MethodArgument("RunId", _TEXT, "the run"),))  # fmt: skip
+        add(SCENARIOS, "Adopt", Role.OPERATOR, self._adopt, (
+            MethodArgument("RunId", _TEXT, "a run that bridges carry"),
+            MethodArgument("Bridge", _TEXT, "a bridge of it that does not answer"),
+            MethodArgument("IsOff", _FLAG, "whether it is off, and stays so until this is done"),
+            MethodArgument("Done", _TEXTS, "tasks that its robots have done and nobody has told of, or their steps"),
+        ), (MethodArgument("Heir", _TEXT, "the bridge that goes on for it"),))  # fmt: skip
+
+    async def _adopt(self, run_id: str, bridge: str, is_off: bool, done: list[str]) -> Sequence[Any]:
+        if not is_off:
+            raise ScenarioError(f"say that {bridge[:80]!r} is off, once it is: else robots are told twice")
+        if not self._carried.has(run_id):
+            raise ScenarioUnknown(f"there is no run {run_id[:80]!r} under way that bridges carry")
+        return (self._carried.adopt(run_id, bridge, done, caller().name),)
 
     async def _validate(self, scenario: str) -> Sequence[Any]:
         async with self._at_once:

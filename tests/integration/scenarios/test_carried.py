@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from asyncua.client.client import Client
 
-from tests.integration.scenarios.conftest import Plant, all_heard, call, open_decision, run_is, texts, value
+from tests.integration.scenarios.conftest import Plant, all_heard, call, open_decision, run_is, says, texts, value
 from tests.integration.server_model.harness import until
 from tests.system import Processes
 
@@ -347,3 +347,47 @@ async def test_a_robot_of_a_carried_run_does_nothing_else_for_anybody(plant: Pla
             assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
             assert await run_is(client, other, "done", "failed", "aborted") == "done"
             assert plant.told()[-2:] == [("right", "two"), ("right", "other")]
+
+
+@pytest.mark.parametrize("plant", ["automatic"], indirect=True)
+async def test_another_bridge_goes_on_for_one_that_is_off_and_that_one_parks_what_it_has(plant: Plant) -> None:
+    mutual(plant)
+
+    def soon(raw: dict[str, Any]) -> None:
+        raw["scenarios"] = {"adopt_after_s": 2.0}
+
+    plant.declare(soon)
+    plant.scenario("three", THREE.replace("work: two", "work: two, seconds: 1"))
+    async with plant.server():
+        bridges = {robot: plant.bridge(robot) for robot in plant.machines}
+        async with plant.client() as client:
+            await all_heard(client)
+            run_id = await run_carried(client, "three")
+            await until(lambda: _told(plant), lambda told: ("middle", "two") in told, timeout_s=60)
+            bridges["middle"].process.send_signal(signal.SIGKILL)
+            await asyncio.to_thread(bridges["middle"].process.wait)
+            early = await call(client, "Scenarios", "Adopt", run_id, "middle_cell", True, texts())
+            assert early.status == 3
+            assert "can be left out after 2 s" in early.message
+            await until(
+                lambda: _reason(client, run_id), lambda said: f"adopt {run_id} middle_cell" in said, timeout_s=60
+            )
+            unsure = await call(client, "Scenarios", "Adopt", run_id, "middle_cell", False, texts())
+            assert unsure.status == 3
+            called = await call(client, "Scenarios", "Adopt", run_id, "middle_cell", True, texts())
+            assert called.status == 0, called.message
+            assert called.outputs == ["left_cell"]
+            state = await run_is(client, run_id, "done", "failed", "aborted")
+            assert state == "done", await value(client, f"Scenarios.Runs.{run_id}.Reason")
+            told = plant.told()
+            assert told[:2] == [("left", "one"), ("middle", "two")]
+            assert [work for _, work in told[2:]] == ["two", "two"]
+            assert told[2][0] in ("left", "right")
+            assert told[3][0] == "right"
+            late = plant.bridge("middle")
+            await says(late, "asks whether its tokens were adopted")
+            await says(late, "of a carried run is parked")
+            assert plant.told() == told
+            again = await run_carried(client, "three")
+            assert await run_is(client, again, "done", "failed", "aborted") == "done"
+            assert ("middle", "two") in plant.told()[4:]

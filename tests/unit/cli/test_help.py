@@ -52,7 +52,7 @@ COMMANDS = [
     "keys rotate",
     "keys list",
     *(f"scenario {name}" for name in ("list", "validate", "dryrun", "run", "watch")),
-    *(f"scenario {name}" for name in ("pause", "resume", "abort", "answer", "tell")),
+    *(f"scenario {name}" for name in ("pause", "resume", "abort", "adopt", "answer", "tell")),
     "fault list",
     "drive",
     "fault ack",

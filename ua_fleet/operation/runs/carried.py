@@ -6,7 +6,9 @@
               not in time: it may have begun ------------------------------> closing, as aborted
     following pages of each bridge's facts; one says that the run is over, and there are no more facts --> ended
               an operator pauses it, or has it go on: each bridge is told until it has acknowledged
+              a bridge is silent, and an operator says that it is off --> adopting
               an operator aborts it ---------------------------------------> closing
+    adopting  the bridges that are left get their parts anew, with the next epoch; then the heir --all have--> following
     closing   each bridge is told the end --all have acknowledged----------> ended
 
 A run that was following when the server ended is followed by the next one; one that had not begun is closed. A bridge
@@ -20,12 +22,13 @@ import zlib
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from ua_fleet.carrying import PlanView, Split, encode_part, parts_of, split
+from ua_fleet.carrying import Split, encode_part, parts_of, split
 from ua_fleet.carrying.token import Token, encode_token
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, UaFleetError
 from ua_fleet.operation.log import Log, MistakeLog
+from ua_fleet.operation.runs.carried_adoption import Adoptions, plan_view
 from ua_fleet.operation.runs.carried_questions import BridgesAnswered, CarriedQuestions, is_good
 from ua_fleet.operation.runs.carried_state import AskedBridge, CarriedPhase, FollowedRun
 from ua_fleet.operation.runs.library import Checked, parameters_of
@@ -49,7 +52,6 @@ from ua_fleet.scenario.facts import (
 )
 from ua_fleet.scenario.parameters import checked_parameters
 from ua_fleet.skill.executions import EXECUTION_ID_BYTES, OutcomeKind, RequestOutcome, unpack
-from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
 __all__ = ["INSTANCE", "CarriedRuns"]
@@ -110,6 +112,7 @@ class CarriedRuns:
         self._names = {bridge.space: name for name, bridge in config.bridges.items()}
         self._asked: dict[bytes, Callable[[RequestOutcome], None]] = {}
         self._commands = commands(instance=INSTANCE, told=self._told, most_remembered=1000)
+        self._adoptions = Adoptions(config, service, clock=clock, wall_s=wall_s, log=log)
         self._questions = CarriedQuestions(self._names, self._ask, service.show_decision)
         self._runs: dict[str, FollowedRun] = {}
         self._statuses = {robot.skill_status for robot in service.robots.values()}
@@ -119,12 +122,15 @@ class CarriedRuns:
                 record.run_id,
                 _robots(service.check(f"{record.text}\n").scenario),
                 CarriedPhase.FOLLOWING,
-                {space: AskedBridge() for space in record.state.carried},
+                {space: AskedBridge(answered_at=clock()) for space in record.state.carried},
             )
             facts = service.facts_of(record.run_id)
             run.known = {encode_fact(fact) for fact in facts}
             if any(isinstance(fact, RunPaused) for fact in facts):
                 self._pause(run, "the server", is_paused=record.state.paused)
+            run.adopting = self._adoptions.again(record.run_id, facts)
+            if run.adopting is not None:
+                self._enter(run, CarriedPhase.ADOPTING, 0.0)
             closing = record.state.closing
             if closing is not None:
                 self._close(run, closing.outcome.value, closing.reason, is_noted=True)
@@ -134,30 +140,12 @@ class CarriedRuns:
 
     # People.
 
-    def view(self) -> PlanView:
-        """What splitting needs to know of the fleet now."""
-        bridges = self._config.bridges
-        model = self._service.robots.values()
-        of_server = {
-            name
-            for robot in model
-            for data_set in robot.data_sets
-            if data_set.topic.space == SERVER_SPACE
-            for name in (data_set.name, f"{robot.name}.{data_set.name}")
-        }
-        return PlanView(
-            self._service.fleet,
-            {robot.name: bridges[robot.bridge].space for robot in model if robot.bridge in bridges},
-            {bridge.space: frozenset(bridge.requestors) for bridge in bridges.values()},
-            frozenset(of_server),
-        )
-
     def check(self, name_or_text: str) -> tuple[Checked, Split]:
         """A scenario with its problems; where it has none, whether it can be carried and why not."""
         checked = self._service.check(name_or_text)
         if checked.problems:
             return checked, Split(None, ())
-        return checked, split(checked.scenario, self.view())
+        return checked, split(checked.scenario, plan_view(self._config, self._service))
 
     def start(self, scenario: Scenario, names: Sequence[str], values: Sequence[str], by: str) -> str:
         """Start a run of a valid scenario that bridges carry; its id. Whether it begins is seen in its state.
@@ -168,7 +156,7 @@ class CarriedRuns:
             StorageUnavailable: it cannot be written down, and there is no run.
         """
         self._service.check_room(len(self._runs))
-        plan, problems = split(scenario, self.view())
+        plan, problems = split(scenario, plan_view(self._config, self._service))
         if plan is None:
             raise ScenarioInvalid([str(problem) for problem in problems])
         robots = _robots(scenario)
@@ -178,9 +166,13 @@ class CarriedRuns:
         parameters = checked_parameters(scenario, parameters_of(scenario, names, values))
         now = self._wall_s()
         run_id = new_run_id(now)
-        parts = parts_of(plan, run_id, scenario.name, parameters, by)
+        parts = parts_of(
+            plan, run_id, scenario.name, parameters, by, adopt_after_s=self._config.scenarios.adopt_after_s
+        )
         plan_hash = next(iter(parts.values())).plan_hash
         run = FollowedRun(run_id, robots, CarriedPhase.OFFERING, {space: AskedBridge() for space in plan.spaces})
+        for asked in run.bridges.values():
+            asked.answered_at = self._clock()
         run.parts = {space: encode_part(part) for space, part in parts.items()}
         run.first = plan.segments[0].space
         run.token = encode_token(Token(run_id, plan_hash, 1, 0, 0), ())
@@ -230,6 +222,24 @@ class CarriedRuns:
         run.is_paused, run.paused_by = is_paused, by
         for asked in run.bridges.values():
             asked.has_pause, asked.next_at = False, 0.0
+
+    def adopt(self, run_id: str, bridge: str, done: Sequence[str], by: str) -> str:
+        """A person says that a bridge is off, and what its robots have done: another one goes on; its name.
+
+        Raises:
+            ScenarioError: the bridge has answered a moment ago, or no other one can go on.
+        """
+        run = self._runs[run_id]
+        self._service.note(run_id, sorted(run.fetched, key=lambda fact: fact.at))
+        run.fetched = []
+        run.adopting = self._adoptions.begin(run, bridge, done, by)
+        said = run.adopting.said
+        self._service.note(run_id, [said])
+        self._log.warning("a bridge of a carried run is left out", run_id=run_id, bridge=bridge, by=by)
+        del run.bridges[said.space]
+        self._enter(run, CarriedPhase.ADOPTING, 0.0)
+        self._sooner()
+        return self._names[said.heir]
 
     def answer(self, run_id: str, step: str, answer: str, by: str, said: BridgesAnswered) -> None:
         """Hand on to all bridges what an operator says of a task: the one that has asked takes it."""
@@ -299,6 +309,9 @@ class CarriedRuns:
             run.fetched.sort(key=lambda fact: fact.at)
             self._service.note(run.run_id, run.fetched)
             run.fetched = []
+        if run.decided and not run.fetched:  # after the facts that have led to them
+            decided, run.decided = run.decided, []
+            self._questions.take(run.run_id, decided)
 
     def _end_phase(self, run: FollowedRun, now: float) -> None:
         self._show_fetched(run)
@@ -316,6 +329,9 @@ class CarriedRuns:
             case CarriedPhase.BEGINNING if is_late:
                 why = run.bridges[run.first].problem
                 self._close(run, "aborted", f"{self._names[run.first]} has not said that it has begun: {why}")
+            case CarriedPhase.ADOPTING if not missing:
+                self._log.info("a carried run goes on without one of its bridges", run_id=run.run_id)
+                self._enter(run, CarriedPhase.FOLLOWING, 0.0)
             case CarriedPhase.FOLLOWING if run.closed is not None and all(a.is_complete for a in run.bridges.values()):
                 self._end(run)
             case CarriedPhase.CLOSING if not missing:
@@ -336,6 +352,8 @@ class CarriedRuns:
                 word, content = Word.PART, run.parts[space]
             case CarriedPhase.BEGINNING if space == run.first and not asked.is_done:
                 word, content = Word.TOKEN, run.token
+            case CarriedPhase.ADOPTING if run.adopting and not asked.is_done and run.adopting.may_be_told(space):
+                word, content = Word.ADOPT, run.adopting.content_for(space)
             case CarriedPhase.CLOSING if not asked.is_done:
                 _, outcome, reason = run.closed or (0.0, "aborted", "")
                 word, content = Word.END, encode_words(run=run.run_id, outcome=outcome, reason=reason)
@@ -377,11 +395,17 @@ class CarriedRuns:
         if run.run_id not in self._runs:
             return
         asked, report = run.bridges[space], outcome.report
+        if outcome.kind is not OutcomeKind.UNKNOWN and outcome.kind is not OutcomeKind.TIMED_OUT:
+            asked.answered_at = self._clock()
         asked.is_asked, asked.next_at = False, self._clock() + (FOLLOW_S if word is Word.FETCH else 0.0)
         if is_good(outcome):
             asked.problem = ""
             if word is Word.FETCH:
                 self._take_page(run, asked, report.result)
+            elif word is Word.ADOPT and run.adopting is not None:
+                run.adopting.take(space, report.result)
+                asked.is_done = True
+                run.bridges[run.adopting.said.heir].next_at = 0.0  # it may be the last one now
             elif phase is run.phase:
                 asked.is_done = True
         else:
@@ -403,7 +427,7 @@ class CarriedRuns:
                 run.known.add(line)
                 run.fetched_at = run.fetched_at if run.fetched else self._clock()
                 run.fetched.append(fact)
-        self._questions.take(run.run_id, words.get("decisions", ()))
+        run.decided += words.get("decisions", ())
         has_all = asked.count >= words["count"]
         asked.is_caught_up = asked.is_caught_up or has_all
         # One that does not know yet that the run is over may have had a token since, and begun something.
@@ -443,8 +467,12 @@ class CarriedRuns:
 
     def _show_waits(self, run: FollowedRun) -> None:
         """Name the bridges that do not answer, and what they cannot hand over, while there are some."""
-        said = [f"{self._names[space]}: {asked.problem}" for space, asked in run.bridges.items() if asked.problem]
-        if run.phase is CarriedPhase.FOLLOWING or run.phase is CarriedPhase.CLOSING:
+        said = [
+            f"{self._names[space]}: {asked.problem}{self._adoptions.offer(run, space)}"
+            for space, asked in run.bridges.items()
+            if asked.problem
+        ]
+        if run.phase in (CarriedPhase.FOLLOWING, CarriedPhase.ADOPTING, CarriedPhase.CLOSING):
             text = "; ".join(said)
             if text != run.shown and run.run_id in self._runs:
                 run.shown = text

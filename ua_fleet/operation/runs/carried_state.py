@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any
 
+from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.scenario.facts import Fact
 
 __all__ = ["AskedBridge", "CarriedPhase", "FollowedRun"]
@@ -17,6 +19,7 @@ class CarriedPhase(Enum):
     OFFERING = "offering"
     BEGINNING = "beginning"
     FOLLOWING = "following"
+    ADOPTING = "adopting"
     CLOSING = "closing"
 
 
@@ -29,6 +32,8 @@ class AskedBridge:
     is_asked: bool = False
     next_at: float = 0.0
     problem: str = "it has not answered yet"
+    answered_at: float = 0.0
+    """When it has answered last, by the monotonic clock; at first, when the run was known here."""
     count: int = 0
     """Facts that were fetched."""
     is_caught_up: bool = False
@@ -53,6 +58,8 @@ class FollowedRun:
     token: bytes = b""
     first: int = 0
     """The space that gets the token."""
+    adopting: Adopting | None = None
+    """A bridge is off, and another one goes on for it."""
     is_paused: bool = False
     paused_by: str = ""
     """The person who has said last whether it is."""
@@ -60,6 +67,8 @@ class FollowedRun:
     """When, how and why the run has ended, as a bridge says or the server has decided."""
     fetched: list[Fact] = field(default_factory=list[Fact])
     """Facts that are not in the journal yet: they are put in order with those of bridges that were not asked yet."""
+    decided: list[Any] = field(default_factory=list[Any])
+    """What bridges have told of their decisions, which is shown after their facts."""
     fetched_at: float = 0.0
     """When the first of them came, by the monotonic clock."""
     known: set[str] = field(default_factory=set[str])

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 from tests.carried.world import RUN, World, orchestrated
 from ua_fleet.scenario import Scenario
+from ua_fleet.scenario.facts import TaskAssigned, decode_fact
 from ua_fleet.scenario.model import Condition, Parallel, Repeat, Sequence, Step, Task
 
 __all__ = ["problems_of"]
@@ -13,12 +14,28 @@ __all__ = ["problems_of"]
 
 def problems_of(world: World) -> list[str]:
     """All that is wrong with a world that has run."""
-    found = _not_over(world) + _twice(world) + _order(world)
-    return found or _otherwise(world)
+    found = _not_over(world) + _twice(world) + _order(world) + _paused(world)
+    if found or _stays_paused(world) or _waits_for_people(world) or world.off.adopted is not None:
+        return found
+    return _otherwise(world)
+
+
+def _waits_for_people(world: World) -> bool:
+    """Whether a bridge is off for good, or its segments are on their way, and nobody can have them adopted."""
+    is_gone = world.server_dies_at <= world.now < world.server_is_back_at
+    is_off = world.is_off(world.off.space) and world.off.adopted is None
+    return is_off or (is_gone and world.off.adopted is not None and not world.off.is_done)
+
+
+def _stays_paused(world: World) -> bool:
+    """Whether a person has paused it somewhere, and the server through which it could go on is gone for good."""
+    held = [bridge.holder.runs.get(RUN) for bridge in world.bridges.values()]
+    is_gone = world.server_dies_at <= world.now < world.server_is_back_at
+    return is_gone and any(one is not None and one.is_paused for one in held)
 
 
 def _not_over(world: World) -> list[str]:
-    if world.is_over:
+    if world.is_over or _stays_paused(world) or _waits_for_people(world):
         return []
     states: dict[int, tuple[str | None, tuple[int, ...]] | None] = {}
     for space, bridge in world.bridges.items():
@@ -37,7 +54,9 @@ def _twice(world: World) -> list[str]:
     for begun in world.robots.begun:
         by_step.setdefault(begun.step, []).append((begun.at, begun.ended or begun.at, begun.fails))
     for step, attempts in by_step.items():
-        if len(attempts) > 1 + retries[step.partition("@")[0]]:
+        # Of one that was under way when its bridge went off, nobody knows how it has failed: it is tried once more.
+        more = 0 if world.off.adopted is None else 1
+        if len(attempts) > 1 + more + retries[step.partition("@")[0]]:
             found.append(f"step {step} was begun {len(attempts)} times")
         for (_, ended, fails), (begun_at, _, _) in pairwise(attempts):
             if not fails:
@@ -59,6 +78,25 @@ def _order(world: World) -> list[str]:
         if after in begun_at and before in begun_at and begun_at[after][0] < begun_at[before][1]:
             found.append(f"step {after} was begun before step {before} had ended")
     return found
+
+
+def _paused(world: World) -> list[str]:
+    """Nothing is begun while every bridge knows that the run is paused."""
+    if not world.still:
+        return []
+    since, until = world.still[0], world.still[1] if len(world.still) > 1 else world.resumes_at
+    return [
+        f"step {begun.step} was begun at {begun.at:.1f}, and all were paused from {since:.1f} to {until:.1f}"
+        for begun in world.robots.begun
+        if since < begun.at < until and not _was_assigned(world, begun.step, since)
+    ]
+
+
+def _was_assigned(world: World, step: str, before: float) -> bool:
+    """Whether an engine had begun a step by then: a process that was killed meanwhile asks the robot again."""
+    lines = [line for bridge in world.bridges.values() for each in bridge.segments.values() for line in each]
+    facts = [decode_fact(line) for line in lines]
+    return any(isinstance(fact, TaskAssigned) and fact.step == step and fact.at < before for fact in facts)
 
 
 def _pairs(scenario: Scenario) -> list[tuple[str, str]]:

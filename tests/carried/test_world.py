@@ -11,6 +11,7 @@ import pytest
 from tests.carried.judge import problems_of
 from tests.carried.world import World
 from ua_fleet.carrying import Part
+from ua_fleet.carrying.facts import PauseTold
 from ua_fleet.carrying.part import PartSegment, Road
 from ua_fleet.scenario.effects import StartTask
 
@@ -59,11 +60,13 @@ def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
         world.run()
     assert sum(world.kills for world in carried) >= 60
     assert sum(world.server_dies_at < 900 for world in carried) >= 15
+    assert sum(bool(world.still) for world in carried) >= 5
+    assert sum(world.off.is_done for world in carried) >= 5
 
 
-def is_found(**wrong: Any) -> bool:
+def is_found(seeds: int = WRONG, **wrong: Any) -> bool:
     """Whether any world finds it."""
-    return any(judged(seed, **wrong) for seed in range(WRONG))
+    return any(judged(seed, **wrong) for seed in range(seeds))
 
 
 def test_a_journal_that_is_written_after_sending_is_found() -> None:
@@ -76,6 +79,14 @@ def test_execution_ids_without_the_attempt_are_found() -> None:
 
 def test_a_join_at_two_bridges_is_found() -> None:
     assert is_found(parts=_two_joins)
+
+
+def test_a_pause_that_is_not_written_down_is_found() -> None:
+    assert is_found(FEW, forgets=PauseTold)
+
+
+def test_an_adoption_without_an_epoch_is_found() -> None:
+    assert is_found(no_epoch=True)
 
 
 def _without_attempt(effect: StartTask) -> str:

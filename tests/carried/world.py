@@ -9,38 +9,57 @@ from __future__ import annotations
 import heapq
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import count
 from random import Random
 from typing import Final
 
-from tests.carried.plans import VIEW, scenario_by
+from tests.carried.plans import ROBOTS, VIEW, robot_space, scenario_by
 from ua_fleet.carrying import (
+    AskEpoch,
     Begin,
+    Gone,
     Holder,
     Part,
-    SendEnd,
+    Pause,
+    Send,
     SendToken,
     Stop,
     Token,
+    decode_token,
     encode_part,
     encode_token,
     parts_of,
     split,
 )
+from ua_fleet.carrying.adoption import (
+    Adoption,
+    FilledSlot,
+    adopted_facts,
+    encode_adoption,
+    filled_slots,
+    plan_without,
+)
+from ua_fleet.carrying.effects import Carry, fact_before
 from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
 from ua_fleet.carrying.fragments import decode_scenario, segment_scenario
-from ua_fleet.carrying.holder import Carry
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Run, Scenario, Value, ValueUnknown
 from ua_fleet.scenario.effects import CancelTask, DecisionNeeded, Effect, ReleaseRobot, StartTask, WantRobot
-from ua_fleet.scenario.facts import Fact, RunOutcome, TaskOutcome, decode_fact, encode_fact
+from ua_fleet.scenario.facts import (
+    Fact,
+    RunOutcome,
+    TaskOutcome,
+    decode_fact,
+    encode_fact,
+)
 
 __all__ = ["HEALED_S", "World", "orchestrated"]
 
 HEALED_S: Final = 60.0
 END_S: Final = 900.0
+ADOPT_S: Final = 10.0
 AGAIN_S: Final = 0.5
 RUN: Final = "run"
 
@@ -77,7 +96,7 @@ class Robots:
     """What all robots do, and have done: nothing of it is lost. They do each execution once, by its id."""
 
     fails: Callable[[str, int], bool]
-    identity: Callable[[StartTask], str] = lambda effect: effect.execution_id
+    identity: Callable[[StartTask], str] = lambda effect: f"{effect.robot}/{effect.execution_id}"
     begun: list[Begun] = field(default_factory=list[Begun])
     by_id: dict[str, Begun] = field(default_factory=dict[str, Begun])
 
@@ -101,9 +120,12 @@ class Engine:
         self.runs: dict[str, Run] = {}
         self.waiting: dict[str, list[tuple[str, str]]] = {}
         self.has: dict[str, tuple[str, str]] = {}
+        self.gone: set[int] = set()
+        """Spaces of bridges that are off: their robots cannot be asked."""
 
     def take(self, run_id: str, effects: list[Effect]) -> None:
-        """Carry out what a run says."""
+        """Carry out what a run says. What is taken back with what follows is not begun, as the server has it."""
+        taken_back = {effect.execution_id for effect in effects if isinstance(effect, CancelTask)}
         for effect in effects:
             match effect:
                 case WantRobot(step=step, robot=robot):
@@ -114,11 +136,16 @@ class Engine:
                     self.grant(robot)
                 case ReleaseRobot(step=step):
                     self.release(run_id, step)
+                case StartTask(execution_id=execution_id) if execution_id in taken_back:
+                    pass
                 case StartTask():
                     self.has[effect.robot] = (run_id, effect.step)
                     self.start(run_id, effect)
                 case CancelTask():
                     pass
+                case DecisionNeeded(step=step, robot=robot) if robot and robot_space(robot) in self.gone:
+                    other = next(one for one in ROBOTS if robot_space(one) not in self.gone)
+                    self.take(run_id, self.runs[run_id].replaced(step, other, "automatic", self.now()))
                 case DecisionNeeded(step=step):
                     self.take(run_id, self.runs[run_id].not_replaced(step, "nobody else can do it", self.now()))
                 case _:
@@ -143,18 +170,22 @@ class Engine:
 
     def start(self, run_id: str, effect: StartTask) -> None:
         """Have a robot begin, and tell its end."""
+        if robot_space(effect.robot) in self.gone:
+            self.later(0.0, partial(self.end, run_id, effect, TaskOutcome.FAULT, {}))
+            return
         begun = self.robots.begin(effect, self.now())
         took_s = 0.2 + zlib.crc32(begun.execution.encode()) % 30 / 10
         begun.ended = begun.ended or begun.at + took_s
 
-        def end() -> None:
-            run = self.runs[run_id]
-            results: dict[str, Value] = {} if begun.fails else {"out": begun.result}
-            outcome = TaskOutcome.FAILED if begun.fails else TaskOutcome.DONE
-            self.take(run_id, run.accepted(effect.execution_id, self.now()))
-            self.take(run_id, run.ended(effect.execution_id, outcome, self.now(), results=results))
+        results: dict[str, Value] = {} if begun.fails else {"out": begun.result}
+        outcome = TaskOutcome.FAILED if begun.fails else TaskOutcome.DONE
+        self.later(max(0.0, begun.ended - self.now()), partial(self.end, run_id, effect, outcome, results))
 
-        self.later(max(0.0, begun.ended - self.now()), end)
+    def end(self, run_id: str, effect: StartTask, outcome: TaskOutcome, results: dict[str, Value]) -> None:
+        """Tell the end of an execution."""
+        run = self.runs[run_id]
+        self.take(run_id, run.accepted(effect.execution_id, self.now()))
+        self.take(run_id, run.ended(effect.execution_id, outcome, self.now(), results=results))
 
     def poll(self) -> None:
         """Time has passed."""
@@ -171,20 +202,21 @@ class Bridge:
         self.lines: list[str] = []
         self.segments: dict[str, list[str]] = {}
         """What is on its disk."""
+        self.is_open = False
         self.unwritten: list[Callable[[], None]] = []
         self.is_up, self.life = True, 0
         self.start()
 
-    def write(self, to: list[str], line: str) -> None:
-        """Write a line; the process may be killed before or after it."""
+    def write(self, to: list[str], *lines: str) -> None:
+        """Write lines, all or none; the process may be killed before or after it."""
         random = self.world.random
         is_killed = self.world.now < HEALED_S and random.random() < self.world.kill_rate
         if is_killed and random.random() < 0.5:
             raise Killed
         if self.world.is_lazy:
-            self.unwritten.append(lambda: to.append(line))
+            self.unwritten.append(lambda: to.extend(lines))
         else:
-            to.append(line)
+            to.extend(lines)
         if is_killed:
             raise Killed
 
@@ -192,6 +224,22 @@ class Bridge:
         """Go on where the journals end."""
         self.holder = Holder(self.space, self.note, [decode_carry_fact(line) for line in self.lines])
         self.engine = Engine(self.world.robots, lambda: self.world.now, self.later)
+        self.is_open = False
+        self.do(self.holder.again(self.world.now))
+        if not self.holder.in_doubt:
+            self.open_engine([])
+        self.look()
+
+    def open_engine(self, effects: list[Carry]) -> None:
+        """Go on with the segments of the journal, once it is known that they are this bridge's."""
+        self.is_open = True
+        for effect in effects:
+            if isinstance(effect, Gone):
+                self.engine.gone.add(effect.space)
+            if isinstance(effect, Stop | Pause):
+                for number in effect.segments:
+                    if lines := self.segments.get(f"{RUN}.{number}"):
+                        self.write(lines, encode_fact(fact_before(effect, self.world.now)))
         for run_id, lines in list(self.segments.items()):
             if lines:
                 facts = [decode_fact(line) for line in lines]
@@ -199,12 +247,11 @@ class Bridge:
                 self.engine.runs[run_id] = Run.restore(scenario, facts, self.journal_of(run_id))
         for run_id, run in self.engine.runs.items():
             self.engine.take(run_id, run.again(_unknown, self.world.now))
-        self.do(self.holder.again(self.world.now))
-        self.look()
 
     def note(self, fact: CarryFact) -> None:
         """The journal of the holder."""
-        self.write(self.lines, encode_carry_fact(fact))
+        if self.world.forgets is None or not isinstance(fact, self.world.forgets):
+            self.write(self.lines, encode_carry_fact(fact))
 
     def journal_of(self, run_id: str) -> Callable[[Fact], None]:
         """The journal of a segment."""
@@ -229,10 +276,12 @@ class Bridge:
         """All but the disk is lost; it comes back some time later."""
         self.is_up, self.life, self.unwritten = False, self.life + 1, []
         self.world.kills += 1
-        self.world.at(self.world.now + self.world.random.uniform(0.5, 15.0), self.rise)
+        self.world.at(self.world.rises_at(self.space), self.rise)
 
     def rise(self) -> None:
         """The process is started again."""
+        if self.is_up or self.world.is_off(self.space):
+            return
         self.is_up = True
         try:
             self.start()
@@ -241,21 +290,37 @@ class Bridge:
 
     def do(self, effects: list[Carry]) -> None:
         """Begin and stop segments."""
+        if not self.is_open and not self.holder.in_doubt:
+            self.open_engine(effects)
         for effect in effects:
             match effect:
-                case Begin(run_id=run_id, segment=segment, values=values):
+                case Gone(space=space):
+                    self.engine.gone.add(space)
+                case Begin(run_id=run_id, segment=segment, values=values, facts=facts):
                     key = f"{run_id}.{segment.number}"
                     if key not in self.engine.runs:
                         scenario = segment_scenario("made", segment.body, values)
                         given = {one.name: one.default for one in scenario.parameters if one.default is not None}
-                        run = Run.create(key, scenario, given, self.journal_of(key), by="x", now=self.world.now)
-                        self.engine.runs[key] = run
+                        known: list[Fact] = []
+                        Run.create(key, scenario, given, known.append, by="x", now=self.world.now)
+                        known += [decode_fact(line) for line in facts]
+                        self.write(self.segments.setdefault(key, []), *[encode_fact(fact) for fact in known])
+                        run = self.engine.runs[key] = Run.restore(scenario, known, self.journal_of(key))
+                        self.engine.take(key, run.again(_unknown, self.world.now))
                         self.engine.take(key, run.poll(_unknown, self.world.now))
+                case Pause(run_id=run_id, segments=segments, is_paused=is_paused):
+                    for number in segments:
+                        key = f"{run_id}.{number}"
+                        if (begun := self.engine.runs.get(key)) is not None:
+                            change = begun.pause if is_paused else begun.resume
+                            self.engine.take(key, change("x", self.world.now))
                 case Stop(run_id=run_id, segments=segments, reason=reason):
                     for number in segments:
                         key = f"{run_id}.{number}"
                         if key in self.engine.runs:
                             self.engine.take(key, self.engine.runs[key].abort(reason, "x", self.world.now))
+                        else:
+                            self.do(self.holder.segment_ended(run_id, number, self.world.now, failed=reason))
 
     def look(self) -> None:
         """Tell the holder of segments that have ended, and others of what is not acknowledged."""
@@ -286,6 +351,77 @@ class Bridge:
             self.world.say(self, sent)
 
 
+class Off:
+    """A bridge that is off for long, and what a person has the server do then."""
+
+    def __init__(self, world: World) -> None:
+        random = Random(f"off {world.seed}")
+        self.world, self.random = world, random
+        self.space = random.choice([*world.bridges])
+        self.at = random.choice((END_S * 2, random.uniform(2.0, 30.0))) if len(world.bridges) > 1 else END_S * 2
+        self.until = random.choice((END_S * 2, self.at + random.uniform(15.0, 60.0)))
+        self.adopted: float | None = None
+        """When the person has said it."""
+        self.filled: dict[int, tuple[FilledSlot, ...]] = {}
+        self.is_done = False
+
+    def begin(self) -> None:
+        """It is off now."""
+        if (bridge := self.world.bridges[self.space]).is_up:
+            bridge.die()
+        self.world.at(self.until, bridge.rise)
+
+    def tick(self) -> None:
+        """Each half second of the server: it asks the person, and tells all that are left until they have it."""
+        world, victim = self.world, self.world.bridges[self.space]
+        if self.adopted is None:
+            is_needed = not all(one.holder.runs[RUN].closed for one in world.bridges.values() if RUN in one.holder.runs)
+            if not is_needed or not self.at + ADOPT_S + 5.0 <= world.now < self.until or victim.is_up:
+                return
+            self.adopted = world.now
+            self.heir = self.random.choice([space for space in world.bridges if space != self.space])
+            plan = plan_without(world.plan, self.space, self.heir)
+            self.parts = parts_of(plan, RUN, "made", {}, "x", adopt_after_s=0.0 if world.no_epoch else ADOPT_S, epoch=2)
+            self.facts = self._facts(victim)
+        for space, part in self.parts.items():
+            if space != self.heir and space not in self.filled:
+                self._tell(world.bridges[space], Adoption(part, self.space, "x"))
+        if not self.is_done and self.filled.keys() >= self.parts.keys() - {self.heir}:
+            filled = tuple([one for slots in self.filled.values() for one in slots])
+            results = {f"{one.task}.out": one.result for one in world.robots.begun if not one.fails}
+            adoption = Adoption(self.parts[self.heir], self.space, "x", filled, dict(results), self.facts)
+            self._tell(world.bridges[self.heir], adoption)
+        if world.now > self.adopted + 300.0:
+            world.is_closing = True
+
+    def _facts(self, victim: Bridge) -> dict[int, tuple[str, ...]]:
+        """What the server has fetched before it was off, which may not be all; and what robots have done in truth."""
+        done = [one.step for one in self.world.robots.begun if not one.fails]
+        facts: dict[int, tuple[str, ...]] = {}
+        for number, segment in victim.holder.runs[RUN].part.segments.items() if RUN in victim.holder.runs else ():
+            lines = victim.segments.get(f"{RUN}.{number}", [])
+            known = [decode_fact(line) for line in lines[: self.random.randint(0, len(lines))]]
+            said = adopted_facts(segment.body.steps, known, done, self.world.now, "x")
+            facts[number] = tuple([encode_fact(fact) for fact in said])
+        return facts
+
+    def _tell(self, bridge: Bridge, adoption: Adoption) -> None:
+        world, content = self.world, encode_adoption(adoption, encode_part(adoption.part))
+
+        def acknowledged(filled: tuple[FilledSlot, ...]) -> None:
+            self.filled.setdefault(bridge.space, filled)
+            if bridge.space == self.heir and not self.is_done:
+                self.is_done = True  # and the one that was off may be started again
+                world.at(max(world.now, self.until), world.bridges[self.space].rise)
+
+        def take() -> None:
+            bridge.do(bridge.holder.take_adoption(content, world.now))
+            filled = filled_slots(bridge.holder.runs[RUN].tokens.values())
+            world.carry(bridge.space, 0, lambda: acknowledged(filled))
+
+        world.carry(0, bridge.space, lambda: world.refusable(bridge, take))
+
+
 class World:
     """One run, decided by its seed."""
 
@@ -296,6 +432,8 @@ class World:
         is_lazy: bool = False,
         identity: Callable[[StartTask], str] | None = None,
         parts: Callable[[dict[int, Part]], dict[int, Part]] = lambda parts: parts,
+        forgets: type[CarryFact] | None = None,
+        no_epoch: bool = False,
     ) -> None:
         """Make it.
 
@@ -304,9 +442,12 @@ class World:
             is_lazy: a wrong journal, which writes later than it says.
             identity: a wrong execution id.
             parts: makes wrong parts of right ones.
+            no_epoch: a wrong adoption, after which a bridge cannot tell a token from one before it.
+            forgets: a kind of fact that a wrong journal leaves out.
         """
         self.random = Random(seed)
         self.seed, self.now, self.is_lazy, self.kills = seed, 0.0, is_lazy, 0
+        self.forgets = forgets
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = count()
         self.scenario = scenario_by(Random(f"scenario {seed}"))
@@ -320,14 +461,22 @@ class World:
         self.robots = Robots(fails_by(seed))
         if identity is not None:
             self.robots.identity = identity
-        self.parts = parts(parts_of(plan, RUN, "made", {}, "x"))
+        self.parts = parts(parts_of(plan, RUN, "made", {}, "x", adopt_after_s=0.0 if no_epoch else ADOPT_S))
+        self.no_epoch = no_epoch
         self.bridges = {space: Bridge(self, space) for space in self.parts}
         self.cuts = [self._cut() for _ in range(self.random.randint(0, 3))]
         self.server_dies_at = self.random.choice((END_S * 2, self.random.uniform(0.0, 20.0)))
         self.server_is_back_at = self.random.choice((END_S * 2, self.server_dies_at + self.random.uniform(1.0, 90.0)))
+        self.pauses_at = self.random.choice((END_S * 2, self.random.uniform(1.0, 20.0)))
+        self.resumes_at = self.pauses_at + self.random.uniform(1.0, 60.0)
+        self.paused_told: set[int] = set()
+        self.resumed_told: set[int] = set()
+        self.still: list[float] = []
+        """From when all bridges knew that the run is paused, and until when."""
         self.accepted: set[int] = set()
         self.has_begun = self.is_closing = False
         self.ended_told: set[int] = set()
+        self.off = Off(self)
         token = Token(RUN, next(iter(self.parts.values())).plan_hash, 1, 0, 0)
         self.token = encode_token(token, ())
 
@@ -347,6 +496,7 @@ class World:
         for bridge in self.bridges.values():
             self.at(self.random.uniform(0.0, AGAIN_S), partial(self._each, bridge))
         self.at(0.0, self._server)
+        self.at(self.off.at, self.off.begin)
         while self._events and self.now < END_S:
             self.now, _, work = heapq.heappop(self._events)
             work()
@@ -356,10 +506,21 @@ class World:
     @property
     def is_over(self) -> bool:
         """Whether every bridge knows that the run is over, and does nothing for it."""
-        held = [bridge.holder.runs.get(RUN) for bridge in self.bridges.values()]
-        return all(bridge.is_up for bridge in self.bridges.values()) and all(
+        there = [bridge for space, bridge in self.bridges.items() if not self.is_off(space)]
+        held = [bridge.holder.runs.get(RUN) for bridge in there]
+        return all(bridge.is_up for bridge in there) and all(
             one is not None and one.closed is not None and not one.active for one in held
         )
+
+    def is_off(self, space: int) -> bool:
+        """Whether a bridge is off for longer than the others are."""
+        off = self.off
+        is_being_left_out = off.adopted is not None and not off.is_done
+        return space == off.space and (off.at <= self.now < off.until or is_being_left_out)
+
+    def rises_at(self, space: int) -> float:
+        """When a bridge that has just died is started again."""
+        return max(self.now, self.off.until) if self.is_off(space) else self.now + self.random.uniform(0.5, 15.0)
 
     def _each(self, bridge: Bridge) -> None:
         bridge.tick()
@@ -377,9 +538,12 @@ class World:
         if is_bad and self.random.random() < 0.2:
             self.at(self.now + self.random.uniform(0.5, 100.0), work)
 
-    def say(self, bridge: Bridge, sent: SendToken | SendEnd) -> None:
+    def say(self, bridge: Bridge, sent: Send) -> None:
         """A bridge tells another one, which acknowledges it."""
         space = sent.road.space if isinstance(sent, SendToken) else sent.space
+        if isinstance(sent, AskEpoch):
+            self._ask(bridge, sent)
+            return
         target, life = self.bridges[space], bridge.life
 
         def acknowledged() -> None:
@@ -390,19 +554,55 @@ class World:
             else:
                 bridge.act(partial(bridge.holder.end_told, sent, self.now))
 
+        def refused() -> None:
+            if bridge.life == life and isinstance(sent, SendToken):
+                bridge.act(partial(bridge.holder.refused, sent))
+
         def arrive() -> None:
             def take() -> None:
                 if isinstance(sent, SendToken):
-                    target.do(target.holder.take_token(sent.content, bridge.space, self.now))
+                    content = self._as_of_now(target, sent.content) if self.no_epoch else sent.content
+                    try:
+                        target.do(target.holder.take_token(content, bridge.space, self.now))
+                    except ScenarioError:
+                        self.carry(space, bridge.space, refused)
+                        return
                 else:
                     target.do(target.holder.take_end(sent.run_id, sent.outcome, sent.reason, bridge.space, self.now))
                 self.carry(space, bridge.space, acknowledged)
 
-            self._refusable(target, take)
+            self.refusable(target, take)
 
         self.carry(bridge.space, space, arrive)
 
-    def _refusable(self, target: Bridge, take: Callable[[], None]) -> None:
+    def _ask(self, bridge: Bridge, sent: AskEpoch) -> None:
+        """A bridge asks another one for the epoch of the run."""
+        target, life = self.bridges[sent.space], bridge.life
+
+        def answered(epoch: int) -> None:
+            if bridge.life == life:
+                bridge.act(lambda: bridge.do(bridge.holder.told_epoch(sent, epoch, self.now)))
+
+        def take() -> None:
+            held = target.holder.runs.get(RUN)
+            if held is not None:
+                self.carry(sent.space, bridge.space, partial(answered, held.part.epoch))
+
+        self.carry(bridge.space, sent.space, lambda: self.refusable(target, take))
+
+    @staticmethod
+    def _as_of_now(target: Bridge, content: bytes) -> bytes:
+        """A token as a bridge takes it that does not look at its epoch."""
+        held = target.holder.runs[RUN]
+        names = {number: one.needs for number, one in held.part.segments.items()}
+        try:
+            token = decode_token(content, names)
+        except ScenarioError:
+            return content
+        made = replace(token, plan_hash=held.part.plan_hash, epoch=held.part.epoch)
+        return encode_token(made, names[token.segment])
+
+    def refusable(self, target: Bridge, take: Callable[[], None]) -> None:
         def guarded() -> None:
             try:
                 take()
@@ -427,6 +627,9 @@ class World:
                     self._tell_server_end(bridge)
             elif space not in self.accepted:
                 self._offer(bridge, encode_part(part))
+        if self.has_begun and not self.is_closing:
+            self._pause()
+            self.off.tick()
         if not self.is_closing and not self.has_begun and len(self.accepted) == len(self.parts):
             self._begin(self.bridges[self.plan.segments[0].space])
 
@@ -435,24 +638,50 @@ class World:
             bridge.holder.take_part(content, self.now)
             self.carry(bridge.space, 0, lambda: self.accepted.add(bridge.space))
 
-        self.carry(0, bridge.space, lambda: self._refusable(bridge, take))
+        self.carry(0, bridge.space, lambda: self.refusable(bridge, take))
 
     def _begin(self, bridge: Bridge) -> None:
         def take() -> None:
             bridge.do(bridge.holder.take_token(self.token, 0, self.now))
             self.carry(bridge.space, 0, self._begun)
 
-        self.carry(0, bridge.space, lambda: self._refusable(bridge, take))
+        self.carry(0, bridge.space, lambda: self.refusable(bridge, take))
 
     def _begun(self) -> None:
         self.has_begun = True
+
+    def _pause(self) -> None:
+        """Have all bridges pause, and go on later: each is told until it has acknowledged."""
+        if self.now < self.pauses_at:
+            return
+        is_paused = self.now < self.resumes_at
+        if not is_paused and len(self.still) == 1:
+            self.still.append(self.now)
+        told = self.paused_told if is_paused else self.resumed_told
+        for bridge in self.bridges.values():
+            if bridge.space not in told:
+                self._tell_pause(bridge, told, is_paused=is_paused)
+
+    def _tell_pause(self, bridge: Bridge, told: set[int], *, is_paused: bool) -> None:
+        def acknowledged() -> None:
+            told.add(bridge.space)
+            if is_paused and len(told) == len(self.bridges) and self.now < self.resumes_at and not self.still:
+                self.still.append(self.now)
+
+        def take() -> None:
+            if is_paused and self.now >= self.resumes_at:
+                return  # who asks has its own order: a request that is late is not answered any more
+            bridge.do(bridge.holder.take_pause(RUN, is_paused, "x", self.now))
+            self.carry(bridge.space, 0, acknowledged)
+
+        self.carry(0, bridge.space, lambda: self.refusable(bridge, take))
 
     def _tell_server_end(self, bridge: Bridge) -> None:
         def take() -> None:
             bridge.do(bridge.holder.take_end(RUN, "aborted", "the server ended", 0, self.now))
             self.carry(bridge.space, 0, lambda: self.ended_told.add(bridge.space))
 
-        self.carry(0, bridge.space, lambda: self._refusable(bridge, take))
+        self.carry(0, bridge.space, lambda: self.refusable(bridge, take))
 
 
 def fails_by(seed: int) -> Callable[[str, int], bool]:

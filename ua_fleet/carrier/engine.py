@@ -30,7 +30,7 @@ from ua_fleet.operation.runs.library import Checked
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.skills.commands import SkillCommands
-from ua_fleet.orchestrator import Output, RunChanged
+from ua_fleet.orchestrator import DecisionChanged, Output, RunChanged
 from ua_fleet.pubsub.events import (
     ActionReceived,
     AnnouncementReceived,
@@ -45,8 +45,9 @@ from ua_fleet.pubsub.events import (
     SubscriberEvent,
 )
 from ua_fleet.pubsub.subscriber import Subscriber
+from ua_fleet.resilience import Confirmation
 from ua_fleet.scenario import Scenario, Value
-from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome
+from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, RunOutcome
 from ua_fleet.scenario.model import Sequence
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.storage.carried_records import CarriedRecords
@@ -92,6 +93,15 @@ class _SegmentService(ScenarioService):
         """Whether a segment is under way."""
         return run_id in self._orchestrator.runs
 
+    def adopt_segment(self, run_id: str, scenario: Scenario, by: str, facts: Iterable[Fact]) -> None:
+        """Go on with a segment that another bridge had, from what is known of it."""
+        self.take_news()
+        now, values = self._wall_s(), {one.name: one.default for one in scenario.parameters}
+        given = {name: value for name, value in values.items() if value is not None}
+        known: list[Fact] = [RunCreated(now, run_id, scenario.text, given, by), *facts]
+        self.note(run_id, known)
+        self._do(self._orchestrator.restore_all([(run_id, scenario, known)], now))
+
     def begin_segment(self, run_id: str, scenario: Scenario, by: str) -> None:
         """Begin a segment; what its first tasks are asked with is written down before they are asked."""
         self.take_news()
@@ -114,6 +124,7 @@ class SegmentEngine:
         records: CarriedRecords,
         *,
         happened: Callable[[str, Fact], None],
+        decided: Callable[[DecisionChanged], None],
         ended: Callable[[SegmentEnd], None],
     ) -> None:
         """Make an engine, which goes on where the journal ends.
@@ -124,10 +135,11 @@ class SegmentEngine:
             ground: the bridge.
             records: of the bridge.
             happened: told of each fact of a segment once it is written down.
+            decided: told of decisions about who takes a task over, while they are open and when they are over.
             ended: told of the end of a segment, in a turn of the loop of its own.
         """
         self._space, self._ground, self._records = space, ground, records
-        self._happened, self._ended = happened, ended
+        self._happened, self._decided, self._ended = happened, decided, ended
         self._log: Any = structlog.get_logger("ua_fleet.carrier")
         timing, model = config.pubsub.timing(), fleet_model(config)
         self._local = Subscriber(
@@ -156,6 +168,8 @@ class SegmentEngine:
         )
         self._actions = [action for robot in model.robots for action in robot.actions()]
         self._segments: dict[str, RunRecord] = {}
+        self._off: set[int] = set()
+        """Spaces of bridges that a person has said are off."""
         self._queue: deque[bytes] = deque()
         """What the bridge has said, and is taken in with the next turn of the loop."""
         self._next_tick = 0.0
@@ -211,21 +225,45 @@ class SegmentEngine:
         """Why segments stand still; empty while they go on."""
         return self._service.problem
 
-    def begin_segment(self, run_id: str, scenario: Scenario, by: str) -> None:
-        """Begin a segment, unless it was begun before."""
+    def begin_segment(self, run_id: str, scenario: Scenario, by: str, facts: Iterable[Fact] = ()) -> None:
+        """Begin a segment, unless it was begun before; with facts, go on with one that another bridge had."""
         record = self._segments.get(run_id)
         if record is not None or self._service.has(run_id):
             if record is not None and record.state.outcome is not None:
                 self._tell_end(record)
             return
-        self._service.begin_segment(run_id, scenario, by)
+        if known := list(facts):
+            self._service.adopt_segment(run_id, scenario, by, known)
+        else:
+            self._service.begin_segment(run_id, scenario, by)
+
+    def lose_bridge(self, space: int, by: str) -> None:
+        """A person says that a bridge is off: its robots have a fault until something is heard of them."""
+        self._off.add(space)
+        for robot in self._robots_of(space):
+            self._service.raise_fault(robot, f"its bridge is off, as {by} has said")
+
+    def _robots_of(self, space: int) -> list[str]:
+        robots = self._service.robots.values()
+        return [robot.name for robot in robots if robot.skill_status is not None and robot.skill_status.space == space]
 
     def stop_segment(self, run_id: str, reason: str) -> None:
         """End a segment; what its robots are at is halted."""
         if self._service.has(run_id):
             self._service.abort(run_id, reason, "the end of the run")
-        elif (record := self._segments.get(run_id)) is not None and record.state.outcome is not None:
+        elif (record := self._segments.get(run_id)) is None:  # the process was killed before it had begun
+            self._ground.loop.call_soon(self._ended, SegmentEnd(run_id, reason, {}, "", reason))
+        elif record.state.outcome is not None:
             self._tell_end(record)
+
+    def pause_segment(self, run_id: str, by: str, *, is_paused: bool) -> None:
+        """Begin no further task of a segment, or go on with it."""
+        if self._service.has(run_id):
+            (self._service.pause if is_paused else self._service.resume)(run_id, by)
+
+    def confirm(self, decision_id: str, robot: str, by: str) -> Confirmation:
+        """A person chooses who takes a task over; raises ScenarioError."""
+        return self._service.confirm(decision_id, robot, by)
 
     def answer(self, run_id: str, step: str, answer: str, by: str) -> None:
         """A person says what became of a task of a segment; raises ScenarioError."""
@@ -290,6 +328,10 @@ class SegmentEngine:
 
     def _follow(self, event: SubscriberEvent) -> None:
         if isinstance(event, DataReceived):
+            if event.topic.space in self._off:
+                self._off.discard(event.topic.space)
+                for robot in self._robots_of(event.topic.space):
+                    self._service.clear_fault(robot)
             self._service.heard(event)
         elif isinstance(event, SourceReturned):
             self._service.source_returned(event.topic)
@@ -324,6 +366,8 @@ class SegmentEngine:
     # What has happened.
 
     def _show(self, output: Output) -> None:
+        if isinstance(output, DecisionChanged):
+            self._decided(output)
         if not isinstance(output, RunChanged):
             return
         record = self._segments.get(output.run_id)

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from ua_fleet.bridge.carry import CarryGround
-from ua_fleet.carrying import Holder, SendEnd, SendToken
-from ua_fleet.carrying.words import encode_words
+from ua_fleet.carrying import AskEpoch, Carry, Holder, Send, SendToken
+from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.errors import RobotOffline, UaFleetError
 from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.pubsub.carry_action import CARRY, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived
-from ua_fleet.skill.executions import EXECUTION_ID_BYTES, OutcomeKind, RequestOutcome
+from ua_fleet.skill.executions import EXECUTION_ID_BYTES, OutcomeKind, RequestOutcome, unpack
 from ua_fleet.skill.journal import MemoryJournal
-from ua_fleet.values import Quality, quality_of
+from ua_fleet.values import Quality, StatusCode, quality_of
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
 __all__ = ["Outbox"]
@@ -33,12 +33,12 @@ LONGEST_PAUSE_S: Final = 5.0
 MOST_REMEMBERED: Final = 200
 
 Key = tuple[str, int, int, int]
-Told = Callable[[Callable[[Holder, float], None]], None]
+Told = Callable[[Callable[[Holder, float], list[Carry] | None]], None]
 
 
 @dataclass(slots=True)
 class _Unsaid:
-    sent: SendToken | SendEnd
+    sent: Send
     told: Told
     next_at: float = 0.0
     pause_s: float = FIRST_PAUSE_S
@@ -86,7 +86,7 @@ class Outbox:
         """Take a response."""
         self._commands.receive(event, now)
 
-    def say(self, words: Iterable[SendToken | SendEnd], told: Told) -> None:
+    def say(self, words: Iterable[Send], told: Told) -> None:
         """Say what is not acknowledged, and is not being said or paused."""
         now, wanted = self._ground.loop.time(), {_key(sent): sent for sent in words}
         for key in [key for key in self._unsaid if key not in wanted]:
@@ -100,6 +100,8 @@ class Outbox:
         sent, space = unsaid.sent, _space(unsaid.sent)
         if isinstance(sent, SendToken):
             word, content = Word.TOKEN, sent.content
+        elif isinstance(sent, AskEpoch):
+            word, content = Word.EPOCH, encode_words(run=sent.run_id)
         else:
             word, content = Word.END, encode_words(run=sent.run_id, outcome=sent.outcome, reason=sent.reason)
         execution_id = secrets.token_bytes(EXECUTION_ID_BYTES)
@@ -115,7 +117,7 @@ class Outbox:
 
     def _later(self, unsaid: _Unsaid, reason: str, now: float) -> None:
         if unsaid.reason != reason:
-            what = "token" if isinstance(unsaid.sent, SendToken) else "end"
+            what = _what(unsaid.sent)
             said = f"the {what} of a carried run is kept, and said again"
             self._log.warning(said, run_id=unsaid.sent.run_id, reason=reason)
         unsaid.is_asked, unsaid.reason, unsaid.next_at = False, reason, now + unsaid.pause_s
@@ -132,17 +134,30 @@ class Outbox:
             del self._unsaid[key]
             if isinstance(sent, SendToken):
                 unsaid.told(lambda holder, now: holder.handed_over(sent, now))
+            elif isinstance(sent, AskEpoch):
+                epoch = _epoch_in(report.result)
+                unsaid.told(lambda holder, now: holder.told_epoch(sent, epoch, now))
             else:
                 unsaid.told(lambda holder, now: holder.end_told(sent, now))
         else:
             said = report.message or f"the bridge of space {_space(unsaid.sent)} does not answer"
             self._later(unsaid, said, self._ground.loop.time())
+            self._refused(unsaid, report.status, outcome.kind)
+
+    @staticmethod
+    def _refused(unsaid: _Unsaid, status: int, kind: OutcomeKind) -> None:
+        """A bridge that does not take a token may know of an epoch after ours; one that has forgotten a run has not."""
+        sent = unsaid.sent
+        if kind is not OutcomeKind.UNKNOWN and isinstance(sent, SendToken):
+            unsaid.told(lambda holder, _now: holder.refused(sent))
+        elif status == StatusCode.BAD_NOT_FOUND and isinstance(sent, AskEpoch):
+            unsaid.told(lambda holder, now: holder.told_epoch(sent, None, now))
 
     def waits(self, run_id: str = "") -> str:
         """Why something is not acknowledged, of one run or of all; empty where nothing waits."""
         for unsaid in self._unsaid.values():
             if unsaid.reason and run_id in ("", unsaid.sent.run_id):
-                what = "token" if isinstance(unsaid.sent, SendToken) else "end"
+                what = _what(unsaid.sent)
                 return f"carried run {unsaid.sent.run_id}: its {what} is kept here: {unsaid.reason}"
         return ""
 
@@ -162,11 +177,22 @@ class Outbox:
         return min(deadlines, default=None)
 
 
-def _space(sent: SendToken | SendEnd) -> int:
+def _what(sent: Send) -> str:
+    if isinstance(sent, AskEpoch):
+        return "question whether its token was adopted"
+    return "token" if isinstance(sent, SendToken) else "end"
+
+
+def _epoch_in(result: bytes) -> int:
+    (packed,) = unpack(result)
+    return int(decode_words(bytes(packed.value or b"")).get("epoch", 0))
+
+
+def _space(sent: Send) -> int:
     return sent.road.space if isinstance(sent, SendToken) else sent.space
 
 
-def _key(sent: SendToken | SendEnd) -> Key:
+def _key(sent: Send) -> Key:
     if isinstance(sent, SendToken):
         return sent.run_id, sent.segment, sent.road.segment, sent.road.slot
-    return sent.run_id, -1, sent.space, 0
+    return sent.run_id, -2 if isinstance(sent, AskEpoch) else -1, sent.space, 0

@@ -20,15 +20,20 @@ from ua_fleet.bridge.carry import CarryFactory, CarryGround
 from ua_fleet.bridge.immediate import ImmediateActions
 from ua_fleet.carrier.engine import INSTANCE, SegmentEnd, SegmentEngine
 from ua_fleet.carrier.outbox import Outbox
-from ua_fleet.carrying import Begin, Holder, Stop, segment_run
+from ua_fleet.carrying import Begin, Gone, Holder, Pause, RunRefused, segment_run
+from ua_fleet.carrying.adoption import decode_adoption, filled_slots
+from ua_fleet.carrying.effects import Carry, Stop, fact_before
 from ua_fleet.carrying.fragments import segment_scenario
-from ua_fleet.carrying.holder import Carry
+from ua_fleet.carrying.held import HeldRun
+from ua_fleet.carrying.holder import ADOPTED, LOST
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import LocalWireError, ScenarioError, StorageUnavailable
+from ua_fleet.operation.runs.decision_words import encode_decision
+from ua_fleet.orchestrator import DecisionChanged
 from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, CARRY_REQUEST, CARRY_RESPONSE, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, SubscriberEvent
-from ua_fleet.scenario.facts import Fact, encode_fact
+from ua_fleet.scenario.facts import Fact, decode_fact, encode_fact
 from ua_fleet.skill.executions import RequestorName, pack
 from ua_fleet.storage.carried_records import CARRIED_FILE, CarriedRecords
 from ua_fleet.values import TICKS_PER_SECOND, UNIX_EPOCH_TICKS, BuiltinType, StatusCode
@@ -41,6 +46,8 @@ __all__ = ["carrier_of"]
 REQUESTS_AT_ONCE: Final = 64
 PAGE_BYTES: Final = 24_000
 """Facts of one answer to the server, before they are compressed."""
+MOST_DECISIONS: Final = 8
+"""Of one run, about who takes a task over, that the server is told of: the last ones."""
 _BYTES: Final = (int(BuiltinType.BYTE_STRING),)
 
 
@@ -77,6 +84,8 @@ class _Carrier:
         self._pages: dict[str, list[str]] = {}
         """The facts of each run here, as the server fetches them."""
         spaces = {bridge.space: each for each, bridge in config.bridges.items()}
+        self._decisions: dict[str, dict[str, DecisionChanged]] = {}
+        """The last ones of each run about who takes a task over, by their ids."""
         self._outbox = Outbox(self._space, ns, spaces, ground, self._log)
         self._actions = ImmediateActions(
             self._space,
@@ -134,11 +143,28 @@ class _Carrier:
             self._pages[run_id] = [
                 encode_fact(fact) for segment in records.segments_of(run_id) for fact in records.runs.facts(segment)
             ]
-        if any(held.closed is None or held.active for held in self._holder.runs.values()):
-            engine = self._engine_now(now)
-            self._do(self._holder.again(self._wall_s()))
-            for ended in engine.ended:
-                self._segment_ended(ended)
+        effects = self._holder.again(self._wall_s())
+        for held in self._holder.runs.values():
+            self._want_others(held.part.spaces)
+        if self._holder.in_doubt:
+            waiting = ", ".join(sorted(self._holder.in_doubt))
+            self._log.warning("this bridge was away, and asks whether its tokens were adopted", runs=waiting)
+            self._ground.loop.call_soon(self._send_out)
+        elif self._is_busy:
+            self._open_engine(effects, now)
+
+    def _open_engine(self, effects: Iterable[Carry], now: float) -> None:
+        """Go on with the segments of the journal, which have to know before what is to be stopped or paused."""
+        effects, records = list(effects), self._open()
+        changed = [one for one in effects if isinstance(one, Stop | Pause)]
+        segments = [(segment_run(one.run_id, number), one) for one in changed for number in one.segments]
+        begun = [(run_id, fact_before(one, self._wall_s())) for run_id, one in segments if records.runs.facts(run_id)]
+        if begun:
+            records.runs.write(begun)
+        engine = self._engine_now(now)
+        self._do(effects)
+        for ended in engine.ended:
+            self._segment_ended(ended)
 
     def _engine_now(self, now: float) -> SegmentEngine:
         """The engine, which is made when there is something to do."""
@@ -149,6 +175,7 @@ class _Carrier:
                 self._ground,
                 self._open(),
                 happened=self._happened,
+                decided=self._decided,
                 ended=self._segment_ended,
             )
             self._engine.begin(now)
@@ -214,11 +241,23 @@ class _Carrier:
                 answer = self._page(decode_words(content))
             case Word.ANSWER if sender == 0:
                 self._answer(decode_words(content))
+            case Word.PAUSE if sender == 0:
+                words = decode_words(content)
+                run_id, by = str(words.get("run", "")), str(words.get("by", ""))
+                self._do(self._holder.take_pause(run_id, bool(words.get("paused")), by, wall_s))
+            case Word.ADOPT if sender == 0:
+                answer = self._take_adoption(content, wall_s)
+            case Word.EPOCH:
+                answer = encode_words(epoch=self._held(str(decode_words(content).get("run", ""))).part.epoch)
+            case Word.CONFIRM if sender == 0:
+                answer = self._confirm(decode_words(content)).encode()
             case _:
                 raise RunUnknown(f"there is no word {word} of carried runs for space {sender}")
         return pack(_BYTES, (answer,))
 
     def _take_part(self, content: bytes, now: float) -> None:
+        if self._holder.in_doubt:
+            raise RunRefused("this bridge was away, and waits to hear whether tokens of its runs were adopted")
         was_idle = not self._is_busy
         self._holder.take_part(content, self._wall_s())
         if self._engine is None:
@@ -226,9 +265,12 @@ class _Carrier:
         elif was_idle:
             self._engine.catch_up(now)
         for held in self._holder.runs.values():
-            for space in held.part.spaces:
-                if space != self._space:
-                    self._outbox.want(space)
+            self._want_others(held.part.spaces)
+
+    def _want_others(self, spaces: Iterable[int]) -> None:
+        for space in spaces:
+            if space != self._space:
+                self._outbox.want(space)
 
     def _answer(self, words: dict[str, Any]) -> None:
         run_id, step, answer, by = (str(words.get(name, "")) for name in ("run", "step", "answer", "by"))
@@ -240,12 +282,29 @@ class _Carrier:
                 return
         raise RunUnknown(f"nobody is asked about step {step!r} of run {run_id!r} here")
 
+    def _held(self, run_id: str) -> HeldRun:
+        if (held := self._holder.runs.get(run_id)) is None:
+            raise RunUnknown(f"run {run_id[:80]!r} is not known here")
+        return held
+
+    def _take_adoption(self, content: bytes, wall_s: float) -> bytes:
+        """Take it, and say which tokens are here: they prove what the bridge that is off has done."""
+        self._do(self._holder.take_adoption(content, wall_s))
+        part = decode_adoption(content).part
+        self._want_others(part.spaces)
+        filled = filled_slots(self._held(part.run_id).tokens.values())
+        return encode_words(filled=[[one.segment, one.slot, one.failed, dict(one.values)] for one in filled])
+
+    def _confirm(self, words: dict[str, Any]) -> str:
+        run_id, decision, robot, by = (str(words.get(name, "")) for name in ("run", "decision", "robot", "by"))
+        if self._engine is None or decision not in self._decisions.get(run_id, {}):
+            raise RunUnknown(f"there is no decision {decision!r} of run {run_id!r} here")
+        return self._engine.confirm(decision, robot, by).value
+
     def _page(self, words: dict[str, Any]) -> bytes:
         """The facts that the server has not, as far as one answer has room, and how the run is here."""
         run_id, after = str(words.get("run", "")), int(words.get("after", 0))
-        held = self._holder.runs.get(run_id)
-        if held is None:
-            raise RunUnknown(f"run {run_id[:80]!r} is not known here")
+        held = self._held(run_id)
         lines, page, size = self._pages.get(run_id, []), list[str](), 0
         for line in lines[max(0, after) :]:
             size += len(line.encode())
@@ -257,33 +316,54 @@ class _Carrier:
             "facts": page,
             "count": len(lines),
             "active": list(held.active),
-            "waits": self._outbox.waits(run_id),
+            "waits": self._outbox.waits(run_id) or held.stale,
             "closed": None if closed is None else [closed.at, closed.outcome, closed.reason],
+            "decisions": [encode_decision(changed) for changed in self._decisions.get(run_id, {}).values()],
         }
         return zlib.compress(encode_words(**told))
 
     # What follows.
 
     def _do(self, effects: Iterable[Carry]) -> None:
-        now = self._ground.loop.time()
+        now, effects = self._ground.loop.time(), list(effects)
+        if self._engine is None and effects:
+            self._open_engine(effects, now)
+            return
         for effect in effects:
             engine = self._engine_now(now)
             if isinstance(effect, Begin):
                 held = self._holder.runs[effect.run_id]
                 values = dict(held.part.parameters) | effect.values
                 scenario = segment_scenario(held.part.scenario, effect.segment.body, values)
-                engine.begin_segment(segment_run(effect.run_id, effect.segment.number), scenario, held.part.by)
+                facts = [decode_fact(line) for line in effect.facts]
+                run_id = segment_run(effect.run_id, effect.segment.number)
+                engine.begin_segment(run_id, scenario, held.part.by, facts)
+            elif isinstance(effect, Gone):
+                with self._ground.mistakes.guard("carried runs", run_id=effect.run_id):
+                    engine.lose_bridge(effect.space, effect.by)
             else:
-                self._stop(engine, effect)
+                self._tell_engine(engine, effect)
         self._ground.loop.call_soon(self._send_out)
 
-    def _stop(self, engine: SegmentEngine, effect: Stop) -> None:
+    def _tell_engine(self, engine: SegmentEngine, effect: Stop | Pause) -> None:
         for number in effect.segments:
+            run_id = segment_run(effect.run_id, number)
             with self._ground.mistakes.guard("carried runs", run_id=effect.run_id):
-                engine.stop_segment(segment_run(effect.run_id, number), effect.reason)
+                if isinstance(effect, Pause):
+                    engine.pause_segment(run_id, effect.by, is_paused=effect.is_paused)
+                else:
+                    engine.stop_segment(run_id, effect.reason)
 
     def _happened(self, segment: str, fact: Fact) -> None:
         self._pages.setdefault(segment.rpartition(".")[0], []).append(encode_fact(fact))
+
+    def _decided(self, changed: DecisionChanged) -> None:
+        """Keep it for the server, where it is of a segment."""
+        known = self._decisions.setdefault(changed.run_id.rpartition(".")[0], {})
+        known.pop(changed.event.decision_id, None)
+        known[changed.event.decision_id] = changed
+        while len(known) > MOST_DECISIONS:
+            del known[next(iter(known))]
 
     def _segment_ended(self, end: SegmentEnd) -> None:
         run_id, _, number = end.run_id.rpartition(".")
@@ -312,9 +392,17 @@ class _Carrier:
             self._outbox.say(list(self._holder.to_send()), self._told)
         self._ground.sooner()
 
-    def _told(self, note: Callable[[Holder, float], None]) -> None:
-        """Another bridge has acknowledged something."""
-        note(self._holder, self._wall_s())
+    def _told(self, note: Callable[[Holder, float], list[Carry] | None]) -> None:
+        """Another bridge has acknowledged something, or answered."""
+        before = {run_id for run_id, held in self._holder.runs.items() if held.closed is None}
+        if effects := note(self._holder, self._wall_s()):
+            self._do(effects)
+        for run_id in sorted(before):
+            closed = self._holder.runs[run_id].closed
+            if closed is not None and closed.outcome in (ADOPTED, LOST):
+                self._log.warning(
+                    "what this bridge had of a carried run is parked", run_id=run_id, reason=closed.reason
+                )
         for run_id in self._holder.forgettable():
             records = self._open()
             if self._engine is not None:
@@ -322,6 +410,7 @@ class _Carrier:
             records.forget(run_id)
             self._holder.forget(run_id)
             self._pages.pop(run_id, None)
+            self._decisions.pop(run_id, None)
 
     def poll(self, now: float) -> None:
         """Do what is due."""

@@ -9,18 +9,24 @@
 The engine that runs a segment is that of `scenario`, as in the server.
 """
 
-from ua_fleet.carrying.holder import Begin, Holder, RunRefused, SendEnd, SendToken, Stop
+from ua_fleet.carrying.effects import AskEpoch, Begin, Carry, Gone, Pause, Send, SendEnd, SendToken, Stop
+from ua_fleet.carrying.holder import Holder, RunRefused
 from ua_fleet.carrying.part import Part, decode_part, encode_part, parts_of, segment_run
 from ua_fleet.carrying.plan import Plan, PlanView, Split, split
 from ua_fleet.carrying.token import Token, decode_token, encode_token
 
 __all__ = [
+    "AskEpoch",
     "Begin",
+    "Carry",
+    "Gone",
     "Holder",
     "Part",
+    "Pause",
     "Plan",
     "PlanView",
     "RunRefused",
+    "Send",
     "SendEnd",
     "SendToken",
     "Split",

@@ -14,7 +14,9 @@ __all__ = [
     "CarryFact",
     "EndTold",
     "HandedOver",
+    "PartAdopted",
     "PartTaken",
+    "PauseTold",
     "RunClosed",
     "SegmentBegun",
     "SegmentOver",
@@ -103,7 +105,29 @@ class EndTold:
     space: int
 
 
-CarryFact = PartTaken | TokenTaken | SegmentBegun | SegmentOver | HandedOver | RunClosed | EndTold
+@dataclass(frozen=True, slots=True)
+class PauseTold:
+    """The server has told this bridge to begin no further task of a run, or to go on."""
+
+    at: float
+    run_id: str
+    is_paused: bool
+    by: str
+    """The person who wants it."""
+
+
+@dataclass(frozen=True, slots=True)
+class PartAdopted:
+    """A bridge of the run is off: this one has its part anew, with the next epoch. See `adoption`."""
+
+    at: float
+    run_id: str
+    content: str
+
+
+CarryFact = (
+    PartTaken | TokenTaken | SegmentBegun | SegmentOver | HandedOver | RunClosed | EndTold | PauseTold | PartAdopted
+)
 
 _KINDS: Final[dict[str, type[Any]]] = {kind.__name__: kind for kind in CarryFact.__args__}
 

@@ -5,8 +5,9 @@
                begun --ended--> over                             journal the end before any token of it is sent
                over  --each token acknowledged--> handed over    a token is sent until its target says that it has it
                a slot failed, or WHOLE --> over as failed, without its steps
+               paused, or in doubt: none is begun, tokens wait in their slots
     run        the last segment over, an `end`, an abort --> closed --each other bridge acknowledged--> told
-               no part, token or end for `lease_s` --> lost: its reservations end, later tokens are refused
+               no part, token or end for `lease_s`, and not paused --> lost; its reservations end
 
 A fact is journaled first, then applied, then what follows is done. All that is done follows from the facts alone, so
 that a process that is killed at any moment asks for the same again: `begin` of a segment whose run the engine has
@@ -17,27 +18,31 @@ once, by the last of its slots.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Final
 
+from ua_fleet.carrying.adoption import decode_adoption
+from ua_fleet.carrying.effects import AskEpoch, Begin, Carry, Gone, Pause, Send, SendEnd, SendToken, Stop
 from ua_fleet.carrying.facts import (
     CarryFact,
     EndTold,
     HandedOver,
+    PartAdopted,
     PartTaken,
+    PauseTold,
     RunClosed,
     SegmentBegun,
     SegmentOver,
     TokenTaken,
 )
-from ua_fleet.carrying.part import Part, PartInvalid, PartSegment, Road, decode_part
+from ua_fleet.carrying.held import HeldRun
+from ua_fleet.carrying.part import PartInvalid, Road, decode_part
 from ua_fleet.carrying.token import WHOLE, Token, TokenInvalid, decode_token, encode_token
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Value
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import StatusCode
 
-__all__ = ["LOST", "MOST_RUNS", "Begin", "Carry", "HeldRun", "Holder", "RunRefused", "SendEnd", "SendToken", "Stop"]
+__all__ = ["ADOPTED", "LOST", "MOST_RUNS", "HeldRun", "Holder", "RunRefused"]
 
 MOST_RUNS: Final = 100
 """Carried runs that a bridge has at a time."""
@@ -45,6 +50,8 @@ MOST_KEPT: Final = 50
 """Those that are over and still known: the server fetches what became of them."""
 LOST: Final = "lost"
 """The outcome of a run of which nothing has come for its lease."""
+ADOPTED: Final = "adopted"
+"""The outcome at a bridge that was away, while another one has gone on in its place: it parks what it has."""
 
 
 class RunRefused(ScenarioError):
@@ -52,67 +59,6 @@ class RunRefused(ScenarioError):
 
     ua_status = StatusCode.BAD_INVALID_STATE
     remedy = "See the state of the run in the server."
-
-
-class Begin(NamedTuple):
-    """Have the engine run a segment; said again for one that it has, nothing happens."""
-
-    run_id: str
-    segment: PartSegment
-    values: dict[str, Value]
-    """Results of segments before."""
-
-
-class SendToken(NamedTuple):
-    """A token that its target has not acknowledged."""
-
-    run_id: str
-    segment: int
-    road: Road
-    content: bytes
-
-
-class SendEnd(NamedTuple):
-    """The end of a run, which a bridge has not acknowledged."""
-
-    run_id: str
-    space: int
-    outcome: str
-    reason: str
-
-
-class Stop(NamedTuple):
-    """Have the engine end what it has of a run."""
-
-    run_id: str
-    segments: tuple[int, ...]
-    reason: str
-
-
-Carry = Begin | Stop
-
-
-@dataclass(slots=True)
-class HeldRun:
-    """A run as this bridge knows it."""
-
-    part: Part
-    heard: float
-    """When something came of it last, by the wall clock."""
-    tokens: dict[tuple[int, int], Token] = field(default_factory=dict[tuple[int, int], Token])
-    """By segment and slot."""
-    begun: dict[int, float] = field(default_factory=dict[int, float])
-    over: dict[int, SegmentOver] = field(default_factory=dict[int, SegmentOver])
-    handed: set[tuple[int, int, int]] = field(default_factory=set[tuple[int, int, int]])
-    """Segment that is over, and the segment and slot of each token of it that its target has."""
-    closed: RunClosed | None = None
-    told: set[int] = field(default_factory=set[int])
-    """Bridges that have acknowledged the end."""
-
-    @property
-    def active(self) -> tuple[int, ...]:
-        """The segments that are under way."""
-        return tuple(number for number in self.begun if number not in self.over)
 
 
 class Holder:
@@ -128,6 +74,8 @@ class Holder:
         """
         self._space, self._journal = space, journal
         self.runs: dict[str, HeldRun] = {}
+        self.in_doubt: set[str] = set()
+        """Runs whose tokens another bridge may have by now. Nothing is begun here until it is known."""
         self._ended_before: dict[str, RunClosed] = {}
         """Runs that were over before their part came, the oldest first: a part that is late does not begin them."""
         for fact in facts:
@@ -170,10 +118,12 @@ class Holder:
         if held is None:
             raise RunRefused(f"there is no part of run {head.run_id[:80]} here")
         part = held.part
+        if head.epoch != part.epoch:
+            if head.epoch < part.epoch:
+                held.stale = f"space {sender} has sent a token of epoch {head.epoch}, and epoch {part.epoch} counts"
+            raise RunRefused(f"the token has epoch {head.epoch}, and run {part.run_id} has {part.epoch} here")
         if head.plan_hash != part.plan_hash:
             raise RunRefused(f"the token is of another plan of run {part.run_id}")
-        if head.epoch != part.epoch:
-            raise RunRefused(f"the token has epoch {head.epoch}, and run {part.run_id} has {part.epoch} here")
         token = decode_token(content, {number: segment.needs for number, segment in part.segments.items()})
         if sender not in (SERVER_SPACE, *part.spaces):
             raise RunRefused(f"space {sender} is not in run {part.run_id}")
@@ -184,7 +134,7 @@ class Holder:
             raise TokenInvalid("a token for all slots says why the segment has failed")
         known = held.tokens.get((token.segment, token.slot))
         if known is not None:
-            if known != token:
+            if known.epoch == token.epoch and known != token:
                 raise TokenInvalid(f"segment {token.segment} of run {part.run_id} has another token there")
             return []
         if held.closed is not None:
@@ -206,6 +156,63 @@ class Holder:
         if sender not in (SERVER_SPACE, *held.part.spaces):
             raise RunRefused(f"space {sender} is not in run {run_id}")
         return [] if held.closed is not None else self._close(held, outcome, reason, sender, now)
+
+    def take_pause(self, run_id: str, is_paused: bool, by: str, now: float) -> list[Carry]:
+        """The server has a run paused, or go on; the same again, or of a run that is over, changes nothing.
+
+        Raises:
+            RunRefused: the run is not known here.
+        """
+        held = self.runs.get(run_id)
+        if held is None:
+            raise RunRefused(f"there is no part of run {run_id[:80]} here")
+        if held.closed is not None or held.is_paused == is_paused:
+            return []
+        self._note(PauseTold(now, run_id, is_paused, by))
+        if self.in_doubt:
+            return []
+        return self._paused(held) if is_paused else self._resumed(held, now)
+
+    def take_adoption(self, content: bytes, now: float) -> list[Carry]:
+        """A bridge of the run is off, and its segments are at another one from now on; said again nothing changes.
+
+        Raises:
+            PartInvalid: it cannot be read.
+            RunRefused: the run is not known here, is over, or has this epoch already with another plan.
+        """
+        adoption = decode_adoption(content)
+        part = adoption.part
+        held = self.runs.get(part.run_id)
+        if held is None:
+            raise RunRefused(f"there is no part of run {part.run_id} here")
+        if (part.epoch, part.plan_hash) == (held.part.epoch, held.part.plan_hash):
+            return []
+        if held.closed is not None:
+            raise self._is_over(part.run_id, held.closed)
+        if part.epoch <= held.part.epoch or self._space not in part.spaces:
+            raise RunRefused(f"epoch {part.epoch} of run {part.run_id} is not for this bridge, which has another one")
+        self._note(PartAdopted(now, part.run_id, content.hex()))
+        return self._no_doubt(part.run_id, now) if self.in_doubt else self._again(held, now)
+
+    def told_epoch(self, sent: AskEpoch, epoch: int | None, now: float) -> list[Carry]:
+        """Another bridge says which epoch a run has; None: that it does not know the run any more."""
+        held = self.runs.get(sent.run_id)
+        if held is None or held.closed is not None:
+            return []
+        held.asks.discard(sent.space)
+        if epoch is None:
+            reason = f"the bridge of space {sent.space} does not know it any more"
+            return self._close(held, LOST, reason, sent.space, now)
+        if epoch > held.part.epoch:
+            reason = f"its token was adopted: the bridge of space {sent.space} has epoch {epoch} of it"
+            return self._close(held, ADOPTED, reason, sent.space, now)
+        return self._no_doubt(sent.run_id, now)
+
+    def refused(self, sent: SendToken) -> None:
+        """A bridge has not taken a token: it is asked whether it was adopted."""
+        held = self.runs.get(sent.run_id)
+        if held is not None and held.part.adopt_after_s > 0:
+            held.asks.add(sent.road.space)
 
     # What comes from the engine.
 
@@ -244,25 +251,42 @@ class Holder:
         return self._after(held, number, now)
 
     def again(self, now: float) -> list[Carry]:
-        """After a restart: what is to be begun, also of what the engine may have already."""
+        """After a restart: what is to be begun, also of what the engine may have already.
+
+        Nothing is while a token may have been adopted: `in_doubt` has the run then, and others are asked.
+        """
+        self.in_doubt = {run_id for run_id, held in self.runs.items() if held.may_be_adopted(now)}
+        return self._all_again(now)
+
+    def _all_again(self, now: float) -> list[Carry]:
         effects: list[Carry] = []
-        for held in list(self.runs.values()):
-            if held.closed is not None:
-                if held.active:
-                    effects.append(Stop(held.part.run_id, held.active, held.closed.reason or held.closed.outcome))
-                continue
-            effects += [self._begin(held, number) for number in held.active]
-            for number in held.part.segments:
-                if number not in held.begun and number not in held.over:
-                    effects += self._go_on(held, number, now)
-            for number in list(held.over):
-                if held.closed is None:
-                    effects += self._after(held, number, now)
+        for held in list(self.runs.values()) if not self.in_doubt else ():
+            effects += self._again(held, now)
+        return effects
+
+    def _no_doubt(self, run_id: str, now: float) -> list[Carry]:
+        """It is known whether the token of a run was adopted: the last such run lets all go on."""
+        if run_id not in self.in_doubt:
+            return []
+        self.in_doubt.discard(run_id)
+        return self._all_again(now)
+
+    def _again(self, held: HeldRun, now: float) -> list[Carry]:
+        if held.closed is not None:
+            reason = held.closed.reason or held.closed.outcome
+            return [Stop(held.part.run_id, held.active, reason)] if held.active else []
+        adoption, effects = held.adoption, list[Carry]()
+        if adoption is not None:
+            effects.append(Gone(held.part.run_id, adoption.gone, adoption.by))
+        effects += self._paused(held) if held.is_paused else self._resumed(held, now)
+        for number in list(held.over):
+            if held.closed is None:
+                effects += self._after(held, number, now)
         return effects
 
     # What is to be sent, and what came of it.
 
-    def to_send(self) -> Iterator[SendToken | SendEnd]:
+    def to_send(self) -> Iterator[Send]:
         """All that others have not acknowledged yet."""
         for held in self.runs.values():
             closed = held.closed
@@ -272,7 +296,10 @@ class Holder:
                         if space not in held.told and space != self._space:
                             yield SendEnd(held.part.run_id, space, closed.outcome, closed.reason)
                 continue
-            for number, over in held.over.items():
+            is_in_doubt = held.part.run_id in self.in_doubt
+            asked = held.part.spaces if is_in_doubt else sorted(held.asks)
+            yield from [AskEpoch(held.part.run_id, space) for space in asked if space != self._space]
+            for number, over in held.over.items() if not is_in_doubt else ():
                 for road in self._roads(held, number, over):
                     if (number, road.segment, road.slot) not in held.handed:
                         yield SendToken(held.part.run_id, number, road, self._token(held, over, road))
@@ -296,14 +323,14 @@ class Holder:
         """Runs of which nothing has come for their lease are lost: what they have reserved is free."""
         effects: list[Carry] = []
         for held in list(self.runs.values()):
-            if held.closed is None and not held.active and now >= held.heard + held.part.lease_s:
+            if held.may_be_lost and now >= held.heard + held.part.lease_s:
                 reason = f"nothing came of it for {held.part.lease_s:g} s"
                 effects += self._close(held, LOST, reason, self._space, now)
         return effects
 
     def next_deadline(self) -> float | None:
         """When `poll` has something to do, by the wall clock, or None."""
-        ends = [held.heard + held.part.lease_s for held in self.runs.values() if not held.closed and not held.active]
+        ends = [held.heard + held.part.lease_s for held in self.runs.values() if held.may_be_lost]
         return min(ends, default=None)
 
     def reserved_for(self, robot: str, asking: int | None = None) -> str:
@@ -346,11 +373,29 @@ class Holder:
         if failed:
             self._note(SegmentOver(now, held.part.run_id, number, failed))
             return self._after(held, number, now)
+        if held.is_paused or self.in_doubt:
+            return []
         self._note(SegmentBegun(now, held.part.run_id, number))
         return [self._begin(held, number)]
 
+    def _paused(self, held: HeldRun) -> list[Carry]:
+        """Have the engine begin nothing; a segment that it has not got yet it does not get."""
+        pause = held.pause
+        return [Pause(held.part.run_id, held.active, True, pause.by)] if pause is not None and held.active else []
+
+    def _resumed(self, held: HeldRun, now: float) -> list[Carry]:
+        """Have the engine go on with what was begun, and begin what can be."""
+        effects: list[Carry] = [self._begin(held, number) for number in held.active]
+        if held.pause is not None and held.active:
+            effects.append(Pause(held.part.run_id, held.active, False, held.pause.by))
+        for number in held.part.segments:
+            if number not in held.begun and number not in held.over:
+                effects += self._go_on(held, number, now)
+        return effects
+
     def _begin(self, held: HeldRun, number: int) -> Begin:
-        return Begin(held.part.run_id, held.part.segments[number], self._values(held, number))
+        facts = () if held.adoption is None else held.adoption.facts.get(number, ())
+        return Begin(held.part.run_id, held.part.segments[number], self._values(held, number), facts)
 
     def _values(self, held: HeldRun, number: int) -> dict[str, Value]:
         values: dict[str, Value] = {}
@@ -402,6 +447,8 @@ class Holder:
     def _close(self, held: HeldRun, outcome: str, reason: str, by: int, now: float) -> list[Carry]:
         active = held.active
         self._note(RunClosed(now, held.part.run_id, outcome, reason, by))
+        if self.in_doubt:
+            return self._no_doubt(held.part.run_id, now)
         return [Stop(held.part.run_id, active, reason or outcome)] if active else []
 
     def _is_over(self, run_id: str, closed: RunClosed) -> RunRefused:
@@ -438,3 +485,7 @@ class Holder:
                 held.closed = fact
             case EndTold():
                 held.told.add(fact.space)
+            case PauseTold():
+                held.pause = fact
+            case PartAdopted():
+                held.adopt(decode_adoption(bytes.fromhex(fact.content)), fact.at)

@@ -80,6 +80,8 @@ class Part:
     plan_hash: bytes
     epoch: int
     lease_s: float
+    adopt_after_s: float
+    """A bridge that was away for so long asks another one whether its token was adopted; 0: it does not."""
     spaces: tuple[int, ...]
     """Of all bridges of the run: the end goes to them."""
     parameters: Mapping[str, Value]
@@ -98,7 +100,14 @@ def segment_run(run_id: str, segment: int) -> str:
 
 
 def parts_of(
-    plan: Plan, run_id: str, scenario: str, parameters: Mapping[str, Value], by: str, epoch: int = 1
+    plan: Plan,
+    run_id: str,
+    scenario: str,
+    parameters: Mapping[str, Value],
+    by: str,
+    *,
+    adopt_after_s: float = 0.0,
+    epoch: int = 1,
 ) -> dict[int, Part]:
     """The parts of all bridges, by their spaces."""
     segments: dict[int, dict[int, PartSegment]] = {space: {} for space in plan.spaces}
@@ -120,6 +129,7 @@ def parts_of(
             plan_hash,
             epoch,
             plan.lease_s,
+            adopt_after_s,
             plan.spaces,
             parameters,
             segments[space],
@@ -159,6 +169,7 @@ def _json(part: Part) -> bytes:
         "hash": part.plan_hash.hex(),
         "epoch": part.epoch,
         "lease_s": part.lease_s,
+        "adopt_after_s": part.adopt_after_s,
         "spaces": part.spaces,
         "parameters": dict(part.parameters),
         "segments": segments,
@@ -210,6 +221,7 @@ def _part(data: Any) -> Part:
         plan_hash,
         int(data["epoch"]),
         float(data["lease_s"]),
+        float(data["adopt_after_s"]),
         tuple([int(space) for space in data["spaces"]]),
         dict(data["parameters"]),
         segments,

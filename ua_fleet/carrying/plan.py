@@ -21,7 +21,7 @@ from ua_fleet.scenario import FleetView
 from ua_fleet.scenario.expression import Expression, split_index
 from ua_fleet.scenario.model import Condition, End, Parallel, Repeat, Scenario, Sequence, Step, Task, Wait
 
-__all__ = ["Edge", "Plan", "PlanView", "Segment", "Split", "names_in", "split"]
+__all__ = ["Edge", "Plan", "PlanView", "Segment", "Split", "missing_requestors", "names_in", "split"]
 
 MOST_SEGMENTS: Final = 2000
 MOST_SLOTS: Final = WHOLE
@@ -216,22 +216,13 @@ class _Splitter:
 
     def _check_roads(self, last: int) -> None:
         """Each bridge takes tokens of those that send it some, and the end of those that may end the run."""
-        senders: dict[int, set[int]] = {segment.space: set() for segment in self._segments}
-        ending = {self._segments[last].space}
-        for segment in self._segments:
-            for edge in (*segment.then, *([] if segment.fails is None else [segment.fails])):
-                senders[self._segments[edge.segment].space].add(segment.space)
-            if any(isinstance(each, End) for step in segment.steps for each in _walked(step)):
-                ending.add(segment.space)
-        for target, spaces in sorted(senders.items()):
-            missing = sorted((spaces | ending) - self._view.requestors.get(target, frozenset()) - {target})
-            if missing:
-                listed = ", ".join(map(str, missing))
-                self._problem(
-                    0,
-                    f"the bridge of space {target} takes no Actions of space {listed}",
-                    f"add {listed} to its `requestors`, so that they have the keys of c-{target}",
-                )
+        for target, missing in missing_requestors(Plan(tuple(self._segments), last, 0.0), self._view.requestors):
+            listed = ", ".join(map(str, missing))
+            self._problem(
+                0,
+                f"the bridge of space {target} takes no Actions of space {listed}",
+                f"add {listed} to its `requestors`, so that they have the keys of c-{target}",
+            )
 
     def _check_order(self, needs: _Needs) -> None:
         for number, segment in enumerate(self._segments):
@@ -289,6 +280,23 @@ class _Splitter:
 
     def _problem(self, line: int, message: str, suggestion: str = "") -> None:
         self.problems.append(ConfigError(message, file=self._file, line=line, suggestion=suggestion))
+
+
+def missing_requestors(plan: Plan, requestors: Mapping[int, frozenset[int]]) -> list[tuple[int, list[int]]]:
+    """The bridges of a plan, by their spaces, that do not take Actions of others which have to reach them."""
+    segments = plan.segments
+    senders: dict[int, set[int]] = {segment.space: set() for segment in segments}
+    ending = {segments[plan.last].space}
+    for segment in segments:
+        for edge in (*segment.then, *([] if segment.fails is None else [segment.fails])):
+            senders[segments[edge.segment].space].add(segment.space)
+        if any(isinstance(each, End) for step in segment.steps for each in _walked(step)):
+            ending.add(segment.space)
+    found: list[tuple[int, list[int]]] = []
+    for target, spaces in sorted(senders.items()):
+        if missing := sorted((spaces | ending) - requestors.get(target, frozenset()) - {target}):
+            found.append((target, missing))
+    return found
 
 
 class _Needs:

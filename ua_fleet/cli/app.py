@@ -156,6 +156,7 @@ def _build() -> typer.Typer:
     _add(groups["scenario"], "resume", scenario.resume, scenario.RESUME_EXAMPLES)
     _add(groups["scenario"], "abort", scenario.abort, scenario.ABORT_EXAMPLES)
     _add(groups["scenario"], "answer", scenario.answer, scenario.ANSWER_EXAMPLES)
+    _add(groups["scenario"], "adopt", scenario.adopt, scenario.ADOPT_EXAMPLES)
     _add(groups["fault"], "list", decision.faults, decision.FAULT_EXAMPLES)
     _add(groups["fault"], "ack", decision.ack, decision.ACK_EXAMPLES)
     _add(groups["fault"], "raise", decision.raise_fault, decision.RAISE_EXAMPLES)

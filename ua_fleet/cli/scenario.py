@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ABORT_EXAMPLES",
+    "ADOPT_EXAMPLES",
     "ANSWER_EXAMPLES",
     "DRYRUN_EXAMPLES",
     "LIST_EXAMPLES",
@@ -32,6 +33,7 @@ __all__ = [
     "VALIDATE_EXAMPLES",
     "WATCH_EXAMPLES",
     "abort",
+    "adopt",
     "answer",
     "dryrun",
     "pause",
@@ -51,6 +53,7 @@ WATCH_EXAMPLES = ("ua-fleet scenario watch 20300131-120000-a1b2c3 -u anna --json
 PAUSE_EXAMPLES = ("ua-fleet scenario pause 20300131-120000-a1b2c3 -u anna",)
 RESUME_EXAMPLES = ("ua-fleet scenario resume 20300131-120000-a1b2c3 -u anna",)
 ABORT_EXAMPLES = ('ua-fleet scenario abort 20300131-120000-a1b2c3 --reason "door open" -u anna',)
+ADOPT_EXAMPLES = ("ua-fleet scenario adopt 20300131-120000-a1b2c3 carrier_cell --off --done fetch -u anna",)
 ANSWER_EXAMPLES = ("ua-fleet scenario answer 20300131-120000-a1b2c3 fetch done -u anna",)
 
 DRYRUN_EXAMPLES = (
@@ -284,6 +287,31 @@ def answer(
         await scenarios.answer(run_id, step, answer)
         if as_json:
             print_json({"run_id": run_id, "done": True})
+
+    with_scenarios(connection, work)
+
+
+@connecting
+def adopt(
+    connection: ConnectionOptions,
+    run_id: RunId,
+    bridge: Annotated[str, typer.Argument(help="Bridge that does not answer.")],
+    is_off: Annotated[bool, typer.Option("--off", help="Say that it is off, and stays so until this is done.")] = False,
+    done: Annotated[
+        list[str] | None, typer.Option("--done", help="Task that its robots have done and nobody has told of.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Have another bridge go on with what a bridge of a carried run had that is off for good."""
+    if not is_off:
+        raise UsageError(f"see that {bridge} is off and what its robots have done, then say --off")
+
+    async def work(scenarios: ScenarioClient) -> None:
+        heir = await scenarios.adopt(run_id, bridge, done or ())
+        if as_json:
+            print_json({"run_id": run_id, "heir": heir})
+        else:
+            message(f"{heir} goes on for {bridge}")
 
     with_scenarios(connection, work)
 

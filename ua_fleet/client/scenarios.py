@@ -258,6 +258,13 @@ class ScenarioClient:
         """Say what became of a task: done, retry, fail or replace."""
         await self._call("Scenarios", "Answer", text(run_id), text(step), text(answer))
 
+    async def adopt(self, run_id: str, bridge: str, done: Sequence[str] = ()) -> str:
+        """Say that a bridge of a carried run is off, and which tasks its robots have done; the bridge that goes on."""
+        tasks = ua.Variant(list(done), ua.VariantType.String, None, True)
+        is_off = ua.Variant(True, ua.VariantType.Boolean)
+        (heir,) = await self._call("Scenarios", "Adopt", text(run_id), text(bridge), is_off, tasks)
+        return str(heir)
+
     async def run_info(self, run_id: str) -> RunInfo:
         """A run as it is now; NodeNotFound where there is none."""
         names = ("State", "Scenario", "StartTime", "StartedBy", "Reason")

@@ -441,6 +441,8 @@ class ScenariosConfig(Model, frozen=True):
     """Runs that may be under way at once."""
     kept_runs: int = Field(default=100, ge=0)
     """Runs that have ended and are still shown."""
+    adopt_after_s: float = Field(default=60.0, gt=0)
+    """A bridge that carries a run, and has not answered for so long, may be said to be off: another one goes on."""
 
 
 class FleetConfig(Model, frozen=True):

@@ -6,7 +6,7 @@ They are Methods of their own, since a Method whose arguments change is another 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from ua_fleet.endpoint.hardened_server import HardenedServer
@@ -16,11 +16,12 @@ from ua_fleet.nodes.method_factory import NOT_FOUND, NOT_POSSIBLE, NOT_VALID, Me
 from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.scenario_nodes import SCENARIOS
 from ua_fleet.operation.runs.carried import CarriedRuns
+from ua_fleet.operation.runs.carried_questions import BridgesAnswered
 from ua_fleet.operation.runs.library import MOST_BYTES, ScenarioUnknown
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.values import ARRAY, BuiltinType
 
-__all__ = ["CarriedMethods"]
+__all__ = ["CarriedMethods", "said_by_bridges"]
 
 _TEXT: Final = int(BuiltinType.STRING)
 _TEXTS: Final = int(BuiltinType.STRING | ARRAY)
@@ -50,6 +51,19 @@ class CarriedMethods:
             MethodArgument("ParameterNames", _TEXTS, "parameters of the scenario; the others have their defaults"),
             MethodArgument("ParameterValues", _TEXTS, "their values, e.g. 20, true, left"),
         ), (MethodArgument("RunId", _TEXT, "the run"),))  # fmt: skip
+        add(SCENARIOS, "Adopt", Role.OPERATOR, self._adopt, (
+            MethodArgument("RunId", _TEXT, "a run that bridges carry"),
+            MethodArgument("Bridge", _TEXT, "a bridge of it that does not answer"),
+            MethodArgument("IsOff", _FLAG, "whether it is off, and stays so until this is done"),
+            MethodArgument("Done", _TEXTS, "tasks that its robots have done and nobody has told of, or their steps"),
+        ), (MethodArgument("Heir", _TEXT, "the bridge that goes on for it"),))  # fmt: skip
+
+    async def _adopt(self, run_id: str, bridge: str, is_off: bool, done: list[str]) -> Sequence[Any]:
+        if not is_off:
+            raise ScenarioError(f"say that {bridge[:80]!r} is off, once it is: else robots are told twice")
+        if not self._carried.has(run_id):
+            raise ScenarioUnknown(f"there is no run {run_id[:80]!r} under way that bridges carry")
+        return (self._carried.adopt(run_id, bridge, done, caller().name),)
 
     async def _validate(self, scenario: str) -> Sequence[Any]:
         async with self._at_once:
@@ -61,6 +75,25 @@ class CarriedMethods:
         async with self._at_once:
             valid = await asyncio.to_thread(self._service.valid, _short(scenario))
         return (self._carried.start(valid, names, values, caller().name),)
+
+
+async def said_by_bridges(ask: Callable[[BridgesAnswered], object]) -> str:
+    """What a bridge has answered to a person; `ask` hands on what that has said.
+
+    Raises:
+        ScenarioError: no bridge has taken it, and why.
+    """
+    answered: asyncio.Future[tuple[str, str]] = asyncio.get_running_loop().create_future()
+
+    def said(problem: str, answer: str) -> None:
+        if not answered.done():
+            answered.set_result((problem, answer))
+
+    ask(said)
+    problem, answer = await answered
+    if problem:
+        raise ScenarioError(problem)
+    return answer
 
 
 def _short(scenario: str) -> str:

@@ -13,6 +13,7 @@ from ua_fleet.scenario.facts import (
     Replaced,
     ReplacementWanted,
     RobotReturned,
+    RunAdopted,
     RunCarried,
     RunClosing,
     RunCreated,
@@ -32,7 +33,7 @@ __all__ = ["Told", "decision_event", "fact_event", "hold_event", "question_event
 
 _STRING: Final = int(BuiltinType.STRING)
 _USUAL, _NOTABLE, _GRAVE = 100, 500, 700
-_RUN_FACTS: Final = (RunCreated, RunCarried, RunPaused, RunResumed, RunClosing, RunEnded)
+_RUN_FACTS: Final = (RunCreated, RunCarried, RunAdopted, RunPaused, RunResumed, RunClosing, RunEnded)
 
 
 class Told(NamedTuple):

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from typing import Any, Final, TypeVar
 
@@ -23,6 +24,7 @@ from ua_fleet.endpoint.turns import TURN_S, Places
 from ua_fleet.endpoint.users import Role, User
 from ua_fleet.errors import JudgementsInvalid, ScenarioError, ScenarioInvalid, UaFleetError
 from ua_fleet.nodes.alarms import ACKNOWLEDGE, ADD_COMMENT, DISABLE, ENABLE
+from ua_fleet.nodes.carried_methods import said_by_bridges
 from ua_fleet.nodes.method_factory import (
     NOT_FOUND,
     NOT_POSSIBLE,
@@ -284,7 +286,11 @@ class ScenarioMethods:
         return ()
 
     async def _answer(self, run_id: str, step: str, answer: str) -> Sequence[Any]:
-        self._of(run_id).answer(run_id, step, answer, caller().name)
+        by = caller().name
+        if self._carried.has(run_id):
+            await said_by_bridges(partial(self._carried.answer, run_id, step, answer, by))
+        else:
+            self._service.answer(run_id, step, answer, by)
         return ()
 
     async def _dry_run(
@@ -312,7 +318,10 @@ class ScenarioMethods:
             if known.chosen == robot:
                 return ("repeated",)
             raise ScenarioError(f"{decision_id}: {known.by} has chosen {known.chosen} before")
-        return (self._service.confirm(decision_id, robot, caller().name).value,)
+        by = caller().name
+        if known is not None and self._carried.has(known.run_id):
+            return (await said_by_bridges(partial(self._carried.confirm, known.run_id, decision_id, robot, by)),)
+        return (self._service.confirm(decision_id, robot, by).value,)
 
     async def _what_if(self, robot: str) -> Sequence[Any] | Noted:
         forecasts: list[FaultForecast] = []

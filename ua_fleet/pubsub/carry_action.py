@@ -37,6 +37,14 @@ class Word(IntEnum):
     """The server asks what has become of a run: `run`, and the number of facts that it has (`after`)."""
     ANSWER = 5
     """A person says through the server what became of a task: `run`, `step`, `answer` and `by`."""
+    PAUSE = 6
+    """The server has a run paused, or go on: `run`, `paused` and `by`."""
+    ADOPT = 8
+    """The server says that a bridge is off, and gives this one its part anew. The answer has the tokens here."""
+    EPOCH = 9
+    """A bridge that was away asks another one for the epoch of a run: `run`. The answer has `epoch`."""
+    CONFIRM = 7
+    """A person chooses through the server who takes a task over: `run`, `decision`, `robot` and `by`."""
 
 
 def carry_topic(space: int, ns: int) -> Topic:

@@ -19,6 +19,7 @@ __all__ = [
     "Replaced",
     "ReplacementWanted",
     "RobotReturned",
+    "RunAdopted",
     "RunCarried",
     "RunClosing",
     "RunCreated",
@@ -113,6 +114,20 @@ class RunCarried:
     """Of the bridges."""
     plan_hash: str
     """In hexadecimal digits."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunAdopted:
+    """A person has said that a bridge of a carried run is off: another one goes on with what it had."""
+
+    at: float
+    space: int
+    """Of the bridge that is off."""
+    heir: int
+    """Of the one that goes on."""
+    done: Sequence[str]
+    """Tasks that its robots have done, as the person says, although nobody has told so."""
+    by: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,6 +318,7 @@ class RunEnded:
 
 Fact = (
     RunCreated
+    | RunAdopted
     | RunCarried
     | StepStarted
     | BranchTaken

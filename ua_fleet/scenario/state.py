@@ -16,6 +16,7 @@ from ua_fleet.scenario.facts import (
     Replaced,
     ReplacementWanted,
     RobotReturned,
+    RunAdopted,
     RunCarried,
     RunClosing,
     RunCreated,
@@ -178,6 +179,8 @@ class RunState:
                 self.run_id, self.parameters, self.by = fact.run_id, dict(fact.parameters), fact.by
             case RunCarried():
                 self.carried = tuple(fact.spaces)
+            case RunAdopted():
+                self.carried = tuple([space for space in self.carried if space != fact.space])
             case StepStarted():
                 self.started[fact.step] = fact.at
             case BranchTaken():

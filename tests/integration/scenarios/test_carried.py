@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from asyncua.client.client import Client
 
-from tests.integration.scenarios.conftest import Plant, all_heard, call, run_is, texts, value
+from tests.integration.scenarios.conftest import Plant, all_heard, call, open_decision, run_is, says, texts, value
 from tests.integration.server_model.harness import until
 from tests.system import Processes
 
@@ -173,6 +173,91 @@ async def test_an_abort_halts_what_is_under_way_and_ends_the_run_everywhere(plan
             assert await run_is(client, again, "aborted") == "aborted"
 
 
+async def test_a_run_is_paused_at_every_bridge_and_goes_on(plant: Plant) -> None:
+    mutual(plant)
+    plant.scenario("three", THREE.replace("work: one", "work: one, seconds: 1"))
+    plant.users()
+    server = plant.server_process()
+    bridges = {robot: plant.bridge(robot) for robot in plant.machines}
+    async with plant.client() as client:
+        await all_heard(client)
+        run_id = await run_carried(client, "three")
+        await until(lambda: _told(plant), bool, timeout_s=60)
+        bridges["right"].process.send_signal(signal.SIGKILL)
+        await asyncio.to_thread(bridges["right"].process.wait)
+        called = await call(client, "Scenarios", "Pause", run_id)
+        assert called.status == 0, called.message
+        assert await value(client, f"Scenarios.Runs.{run_id}.State") == "paused"
+        await until(lambda: _reason(client, run_id), lambda said: "right_cell" in said, timeout_s=60)
+        plant.bridge("right")
+        await until(lambda: _reason(client, run_id), lambda said: said == "", timeout_s=60)
+
+        async def ended() -> str:
+            (state,) = await value(client, f"Scenarios.Runs.{run_id}.States")
+            return str(state)
+
+        assert await until(ended, lambda state: state == "done", timeout_s=60) == "done"
+        assert plant.told() == [("left", "one")]
+    server.process.send_signal(signal.SIGKILL)
+    await asyncio.to_thread(server.process.wait)
+    plant.server_process()
+    async with plant.client() as client:
+        assert await value(client, f"Scenarios.Runs.{run_id}.State") == "paused"
+        called = await call(client, "Scenarios", "Resume", run_id)
+        assert called.status == 0, called.message
+        assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
+        assert plant.told() == [("left", "one"), ("middle", "two"), ("right", "two")]
+        called = await call(client, "Scenarios", "Pause", run_id)
+        assert called.status != 0
+
+
+async def test_who_takes_over_is_chosen_through_the_server(plant: Plant) -> None:
+    mutual(plant)
+    plant.scenario("three", THREE.replace("work: two", "work: heavy"))
+    plant.machines["middle"].weaken()
+    async with plant.server():
+        for robot in plant.machines:
+            plant.bridge(robot)
+        async with plant.client() as client:
+            await all_heard(client)
+            run_id = await run_carried(client, "three")
+            decision = await open_decision(client)
+            path = f"Resilience.Decisions.{decision}"
+            assert await value(client, f"{path}.Robots") == ["left", "right"]
+            assert sum(await value(client, f"{path}.Scores")) == pytest.approx(1)
+            assert f"decision confirm {decision}" in await _reason(client, run_id)
+            nobody = await call(client, "Resilience", "Confirm", decision, "middle")
+            assert nobody.status == 3
+            assert "middle_cell" in nobody.message
+            assert "cannot take over" in nobody.message
+            called = await call(client, "Resilience", "Confirm", decision, "left")
+            assert called.status == 0, called.message
+            assert called.outputs == ["taken"]
+            assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
+            assert plant.told()[2:] == [("left", "heavy"), ("right", "heavy")]
+            assert await value(client, f"{path}.State") == "chosen"
+            again = await call(client, "Resilience", "Confirm", decision, "left")
+            assert again.outputs == ["repeated"]
+
+
+async def test_an_answer_that_no_bridge_takes_is_refused_with_their_reasons(plant: Plant) -> None:
+    mutual(plant)
+    plant.scenario("three", THREE.replace("work: one", "work: one, seconds: 30"))
+    async with plant.server():
+        for robot in plant.machines:
+            plant.bridge(robot)
+        async with plant.client() as client:
+            await all_heard(client)
+            run_id = await run_carried(client, "three")
+            await until(lambda: _told(plant), bool, timeout_s=60)
+            called = await call(client, "Scenarios", "Answer", run_id, "first", "done")
+            assert called.status == 3
+            assert "no bridge of the run has taken it" in called.message
+            for robot in plant.machines:
+                assert f"{robot}_cell" in called.message
+            await call(client, "Scenarios", "Abort", run_id, "seen enough")
+
+
 async def _reason(client: Client, run_id: str) -> str:
     return str(await value(client, f"Scenarios.Runs.{run_id}.Reason"))
 
@@ -262,3 +347,47 @@ async def test_a_robot_of_a_carried_run_does_nothing_else_for_anybody(plant: Pla
             assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
             assert await run_is(client, other, "done", "failed", "aborted") == "done"
             assert plant.told()[-2:] == [("right", "two"), ("right", "other")]
+
+
+@pytest.mark.parametrize("plant", ["automatic"], indirect=True)
+async def test_another_bridge_goes_on_for_one_that_is_off_and_that_one_parks_what_it_has(plant: Plant) -> None:
+    mutual(plant)
+
+    def soon(raw: dict[str, Any]) -> None:
+        raw["scenarios"] = {"adopt_after_s": 2.0}
+
+    plant.declare(soon)
+    plant.scenario("three", THREE.replace("work: two", "work: two, seconds: 1"))
+    async with plant.server():
+        bridges = {robot: plant.bridge(robot) for robot in plant.machines}
+        async with plant.client() as client:
+            await all_heard(client)
+            run_id = await run_carried(client, "three")
+            await until(lambda: _told(plant), lambda told: ("middle", "two") in told, timeout_s=60)
+            bridges["middle"].process.send_signal(signal.SIGKILL)
+            await asyncio.to_thread(bridges["middle"].process.wait)
+            early = await call(client, "Scenarios", "Adopt", run_id, "middle_cell", True, texts())
+            assert early.status == 3
+            assert "can be left out after 2 s" in early.message
+            await until(
+                lambda: _reason(client, run_id), lambda said: f"adopt {run_id} middle_cell" in said, timeout_s=60
+            )
+            unsure = await call(client, "Scenarios", "Adopt", run_id, "middle_cell", False, texts())
+            assert unsure.status == 3
+            called = await call(client, "Scenarios", "Adopt", run_id, "middle_cell", True, texts())
+            assert called.status == 0, called.message
+            assert called.outputs == ["left_cell"]
+            state = await run_is(client, run_id, "done", "failed", "aborted")
+            assert state == "done", await value(client, f"Scenarios.Runs.{run_id}.Reason")
+            told = plant.told()
+            assert told[:2] == [("left", "one"), ("middle", "two")]
+            assert [work for _, work in told[2:]] == ["two", "two"]
+            assert told[2][0] in ("left", "right")
+            assert told[3][0] == "right"
+            late = plant.bridge("middle")
+            await says(late, "asks whether its tokens were adopted")
+            await says(late, "of a carried run is parked")
+            assert plant.told() == told
+            again = await run_carried(client, "three")
+            assert await run_is(client, again, "done", "failed", "aborted") == "done"
+            assert ("middle", "two") in plant.told()[4:]

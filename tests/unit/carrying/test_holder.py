@@ -11,6 +11,7 @@ from ua_fleet.carrying import (
     Begin,
     Holder,
     Part,
+    Pause,
     RunRefused,
     SendEnd,
     SendToken,
@@ -191,3 +192,32 @@ def test_the_oldest_runs_that_are_over_everywhere_can_be_forgotten() -> None:
         bridge.holder.take_part(encode_part(parts[301]), float(number))
         bridge.holder.take_end(f"run{number}", "done", "", 300, float(number))
     assert bridge.holder.forgettable() == [f"run{number}" for number in range(10)]
+
+
+def test_a_paused_run_takes_tokens_and_begins_them_when_it_goes_on(bridge: Bridge) -> None:
+    assert bridge.holder.take_pause("run", True, "anna", 1.0) == []
+    assert bridge.holder.take_token(bridge.token(), 300, 2.0) == []
+    assert bridge.again().again(3.0) == []
+    (begun,) = bridge.again().take_pause("run", False, "anna", 4.0)
+    assert isinstance(begun, Begin)
+    assert begun.values == {"one.out": 2.0}
+
+
+def test_what_is_under_way_is_paused_once_and_again_after_a_restart(bridge: Bridge) -> None:
+    bridge.holder.take_token(bridge.token(), 300, 1.0)
+    assert bridge.holder.take_pause("run", True, "anna", 2.0) == [Pause("run", (1,), True, "anna")]
+    assert bridge.holder.take_pause("run", True, "otto", 3.0) == []
+    assert bridge.again().again(4.0) == [Pause("run", (1,), True, "anna")]
+    begun, goes_on = bridge.again().take_pause("run", False, "otto", 5.0)
+    assert isinstance(begun, Begin)
+    assert goes_on == Pause("run", (1,), False, "otto")
+
+
+def test_a_paused_run_is_not_lost_and_one_that_is_over_or_unknown_is_not_paused(bridge: Bridge) -> None:
+    bridge.holder.take_pause("run", True, "anna", 1.0)
+    assert bridge.holder.next_deadline() is None
+    assert bridge.holder.poll(1e9) == []
+    bridge.holder.take_end("run", "aborted", "enough", 0, 2.0)
+    assert bridge.holder.take_pause("run", False, "anna", 3.0) == []
+    with pytest.raises(RunRefused, match="no part of run other"):
+        bridge.holder.take_pause("other", True, "anna", 4.0)

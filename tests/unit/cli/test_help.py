@@ -53,7 +53,7 @@ COMMANDS = [
     "keys list",
     *(f"state {name}" for name in ("backup", "check", "restore")),
     *(f"scenario {name}" for name in ("list", "validate", "dryrun", "run", "watch")),
-    *(f"scenario {name}" for name in ("pause", "resume", "abort", "answer", "tell")),
+    *(f"scenario {name}" for name in ("pause", "resume", "abort", "adopt", "answer", "tell")),
     "fault list",
     "drive",
     "fault ack",

@@ -5,7 +5,10 @@
     beginning the first bridge is asked to take the token --it has---------> following
               not in time: it may have begun ------------------------------> closing, as aborted
     following pages of each bridge's facts; one says that the run is over, and there are no more facts --> ended
+              an operator pauses it, or has it go on: each bridge is told until it has acknowledged
+              a bridge is silent, and an operator says that it is off --> adopting
               an operator aborts it ---------------------------------------> closing
+    adopting  the bridges that are left get their parts anew, with the next epoch; then the heir --all have--> following
     closing   each bridge is told the end --all have acknowledged----------> ended
 
 A run that was following when the server ended is followed by the next one; one that had not begun is closed. A bridge
@@ -16,18 +19,18 @@ from __future__ import annotations
 
 import secrets
 import zlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from enum import Enum
-from functools import partial
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from ua_fleet.carrying import PlanView, Split, encode_part, parts_of, split
+from ua_fleet.carrying import Split, encode_part, parts_of, split
 from ua_fleet.carrying.token import Token, encode_token
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, UaFleetError
 from ua_fleet.operation.log import Log, MistakeLog
+from ua_fleet.operation.runs.carried_adoption import Adoptions, plan_view
+from ua_fleet.operation.runs.carried_questions import BridgesAnswered, CarriedQuestions, is_good
+from ua_fleet.operation.runs.carried_state import AskedBridge, CarriedPhase, FollowedRun
 from ua_fleet.operation.runs.library import Checked, parameters_of
 from ua_fleet.operation.runs.service import ScenarioService, new_run_id
 from ua_fleet.operation.skills.commands import SkillCommands
@@ -36,20 +39,19 @@ from ua_fleet.pubsub.events import ActionReceived, DataReceived, SubscriberEvent
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import (
-    Fact,
     RunCarried,
     RunClosing,
     RunCreated,
     RunEnded,
     RunOutcome,
+    RunPaused,
+    RunResumed,
     StepStarted,
     decode_fact,
     encode_fact,
 )
 from ua_fleet.scenario.parameters import checked_parameters
 from ua_fleet.skill.executions import EXECUTION_ID_BYTES, OutcomeKind, RequestOutcome, unpack
-from ua_fleet.topics import SERVER_SPACE
-from ua_fleet.values import Quality, quality_of
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
 __all__ = ["INSTANCE", "CarriedRuns"]
@@ -71,54 +73,9 @@ ORDER_S: Final = 5.0
 """So long facts wait for those of bridges that have not answered yet, which may have happened before."""
 MOST_JSON_BYTES: Final = 1_000_000
 """Of one page, decompressed."""
+_OF_SEGMENTS: Final = (RunCreated, RunPaused, RunResumed, RunClosing, RunEnded)
+"""Facts of a segment that say nothing of the run: the server notes its own."""
 _OUTCOMES: Final = {"done": RunOutcome.DONE, "failed": RunOutcome.FAILED, "aborted": RunOutcome.ABORTED}
-
-
-class _Phase(Enum):
-    OFFERING = "offering"
-    BEGINNING = "beginning"
-    FOLLOWING = "following"
-    CLOSING = "closing"
-
-
-@dataclass(slots=True)
-class _Asked:
-    """What one bridge is asked for a run."""
-
-    is_done: bool = False
-    """Whether it has what it is told in this phase."""
-    is_asked: bool = False
-    next_at: float = 0.0
-    problem: str = "it has not answered yet"
-    count: int = 0
-    """Facts that were fetched."""
-    is_caught_up: bool = False
-    """Whether all was fetched once that it had: what the others say may be put in order with it."""
-    is_complete: bool = False
-    """Whether it knows that the run is over, does nothing for it, and has no more facts."""
-
-
-@dataclass(slots=True)
-class _Run:
-    run_id: str
-    robots: frozenset[str]
-    phase: _Phase
-    bridges: dict[int, _Asked]
-    until: float = 0.0
-    """End of this phase by the monotonic clock, where it has one."""
-    parts: Mapping[int, bytes] = field(default_factory=dict[int, bytes])
-    token: bytes = b""
-    first: int = 0
-    """The space that gets the token."""
-    closed: tuple[float, str, str] | None = None
-    """When, how and why the run has ended, as a bridge says or the server has decided."""
-    fetched: list[Fact] = field(default_factory=list[Fact])
-    """Facts that are not in the journal yet: they are put in order with those of bridges that were not asked yet."""
-    fetched_at: float = 0.0
-    """When the first of them came, by the monotonic clock."""
-    known: set[str] = field(default_factory=set[str])
-    """Facts that are in the journal already, as lines."""
-    shown: str = ""
 
 
 class CarriedRuns:
@@ -155,17 +112,25 @@ class CarriedRuns:
         self._names = {bridge.space: name for name, bridge in config.bridges.items()}
         self._asked: dict[bytes, Callable[[RequestOutcome], None]] = {}
         self._commands = commands(instance=INSTANCE, told=self._told, most_remembered=1000)
-        self._runs: dict[str, _Run] = {}
+        self._adoptions = Adoptions(config, service, clock=clock, wall_s=wall_s, log=log)
+        self._questions = CarriedQuestions(self._names, self._ask, service.show_decision)
+        self._runs: dict[str, FollowedRun] = {}
         self._statuses = {robot.skill_status for robot in service.robots.values()}
         for record in service.carried:
             has_begun = "" in record.state.started
-            run = self._runs[record.run_id] = _Run(
+            run = self._runs[record.run_id] = FollowedRun(
                 record.run_id,
                 _robots(service.check(f"{record.text}\n").scenario),
-                _Phase.FOLLOWING,
-                {space: _Asked() for space in record.state.carried},
+                CarriedPhase.FOLLOWING,
+                {space: AskedBridge(answered_at=clock()) for space in record.state.carried},
             )
-            run.known = {encode_fact(fact) for fact in service.facts_of(record.run_id)}
+            facts = service.facts_of(record.run_id)
+            run.known = {encode_fact(fact) for fact in facts}
+            if any(isinstance(fact, RunPaused) for fact in facts):
+                self._pause(run, "the server", is_paused=record.state.paused)
+            run.adopting = self._adoptions.again(record.run_id, facts)
+            if run.adopting is not None:
+                self._enter(run, CarriedPhase.ADOPTING, 0.0)
             closing = record.state.closing
             if closing is not None:
                 self._close(run, closing.outcome.value, closing.reason, is_noted=True)
@@ -175,30 +140,12 @@ class CarriedRuns:
 
     # People.
 
-    def view(self) -> PlanView:
-        """What splitting needs to know of the fleet now."""
-        bridges = self._config.bridges
-        model = self._service.robots.values()
-        of_server = {
-            name
-            for robot in model
-            for data_set in robot.data_sets
-            if data_set.topic.space == SERVER_SPACE
-            for name in (data_set.name, f"{robot.name}.{data_set.name}")
-        }
-        return PlanView(
-            self._service.fleet,
-            {robot.name: bridges[robot.bridge].space for robot in model if robot.bridge in bridges},
-            {bridge.space: frozenset(bridge.requestors) for bridge in bridges.values()},
-            frozenset(of_server),
-        )
-
     def check(self, name_or_text: str) -> tuple[Checked, Split]:
         """A scenario with its problems; where it has none, whether it can be carried and why not."""
         checked = self._service.check(name_or_text)
         if checked.problems:
             return checked, Split(None, ())
-        return checked, split(checked.scenario, self.view())
+        return checked, split(checked.scenario, plan_view(self._config, self._service))
 
     def start(self, scenario: Scenario, names: Sequence[str], values: Sequence[str], by: str) -> str:
         """Start a run of a valid scenario that bridges carry; its id. Whether it begins is seen in its state.
@@ -209,7 +156,7 @@ class CarriedRuns:
             StorageUnavailable: it cannot be written down, and there is no run.
         """
         self._service.check_room(len(self._runs))
-        plan, problems = split(scenario, self.view())
+        plan, problems = split(scenario, plan_view(self._config, self._service))
         if plan is None:
             raise ScenarioInvalid([str(problem) for problem in problems])
         robots = _robots(scenario)
@@ -219,9 +166,13 @@ class CarriedRuns:
         parameters = checked_parameters(scenario, parameters_of(scenario, names, values))
         now = self._wall_s()
         run_id = new_run_id(now)
-        parts = parts_of(plan, run_id, scenario.name, parameters, by)
+        parts = parts_of(
+            plan, run_id, scenario.name, parameters, by, adopt_after_s=self._config.scenarios.adopt_after_s
+        )
         plan_hash = next(iter(parts.values())).plan_hash
-        run = _Run(run_id, robots, _Phase.OFFERING, {space: _Asked() for space in plan.spaces})
+        run = FollowedRun(run_id, robots, CarriedPhase.OFFERING, {space: AskedBridge() for space in plan.spaces})
+        for asked in run.bridges.values():
+            asked.answered_at = self._clock()
         run.parts = {space: encode_part(part) for space, part in parts.items()}
         run.first = plan.segments[0].space
         run.token = encode_token(Token(run_id, plan_hash, 1, 0, 0), ())
@@ -242,34 +193,63 @@ class CarriedRuns:
         """End a run; every bridge is told until it has acknowledged. Raises StorageUnavailable."""
         run = self._runs[run_id]
         reason = " ".join(reason.split())[:200] or f"aborted by {by}"
-        if run.phase is not _Phase.CLOSING:
+        if run.phase is not CarriedPhase.CLOSING:
             self._close(run, "aborted", reason, by=by)
 
     def pause(self, run_id: str, by: str) -> None:
-        """No bridge is told to pause; raises ScenarioError."""
-        del by
-        raise ScenarioError(f"run {run_id} is carried by bridges and cannot be paused; abort it, or let it end")
+        """Have all bridges begin no further task of a run; each is told until it has acknowledged.
+
+        Raises:
+            ScenarioError: the run has not begun yet, or is to end.
+        """
+        self._want_pause(run_id, by, is_paused=True)
 
     def resume(self, run_id: str, by: str) -> None:
-        """Likewise."""
-        self.pause(run_id, by)
+        """Have them go on; raises as `pause` does."""
+        self._want_pause(run_id, by, is_paused=False)
 
-    def answer(self, run_id: str, step: str, answer: str, by: str) -> None:
+    def _want_pause(self, run_id: str, by: str, *, is_paused: bool) -> None:
+        run = self._runs[run_id]
+        if run.phase is not CarriedPhase.FOLLOWING or run.closed is not None:
+            raise ScenarioError(f"run {run_id} is {run.phase.value}, and can be paused only while it is under way")
+        if run.is_paused != is_paused:
+            now = self._wall_s()
+            self._service.note(run_id, [RunPaused(now, by) if is_paused else RunResumed(now, by)])
+            self._pause(run, by, is_paused=is_paused)
+            self._sooner()
+
+    def _pause(self, run: FollowedRun, by: str, *, is_paused: bool) -> None:
+        run.is_paused, run.paused_by = is_paused, by
+        for asked in run.bridges.values():
+            asked.has_pause, asked.next_at = False, 0.0
+
+    def adopt(self, run_id: str, bridge: str, done: Sequence[str], by: str) -> str:
+        """A person says that a bridge is off, and what its robots have done: another one goes on; its name.
+
+        Raises:
+            ScenarioError: the bridge has answered a moment ago, or no other one can go on.
+        """
+        run = self._runs[run_id]
+        self._service.note(run_id, sorted(run.fetched, key=lambda fact: fact.at))
+        run.fetched = []
+        run.adopting = self._adoptions.begin(run, bridge, done, by)
+        said = run.adopting.said
+        self._service.note(run_id, [said])
+        self._log.warning("a bridge of a carried run is left out", run_id=run_id, bridge=bridge, by=by)
+        del run.bridges[said.space]
+        self._enter(run, CarriedPhase.ADOPTING, 0.0)
+        self._sooner()
+        return self._names[said.heir]
+
+    def answer(self, run_id: str, step: str, answer: str, by: str, said: BridgesAnswered) -> None:
         """Hand on to all bridges what an operator says of a task: the one that has asked takes it."""
-        content = encode_words(run=run_id, step=step, answer=answer, by=by)
-        left, took = set(self._runs[run_id].bridges), list[int]()
+        self._questions.answer(run_id, self._runs[run_id].bridges, step, answer, by, said)
 
-        def told(space: int, outcome: RequestOutcome | None) -> None:
-            left.discard(space)
-            took.extend([space] * (outcome is not None and _is_good(outcome)))
-            if not left and not took:
-                self._log.warning("no bridge has taken the answer to a task; answer again", run_id=run_id, step=step)
+    def confirm(self, run_id: str, decision_id: str, robot: str, by: str, said: BridgesAnswered) -> None:
+        """Hand on likewise who takes a task over."""
+        self._questions.confirm(run_id, self._runs[run_id].bridges, decision_id, robot, by, said)
 
-        for space in sorted(left):
-            if not self._ask(space, Word.ANSWER, content, partial(told, space)):
-                told(space, None)
-
-    def _hold(self, run: _Run) -> None:
+    def _hold(self, run: FollowedRun) -> None:
         for robot in run.robots:
             self._reserve(robot, f"is reserved for the run {run.run_id}, which bridges carry")
 
@@ -288,7 +268,7 @@ class CarriedRuns:
         """A robot has begun or ended something: its bridge has news of the run."""
         if isinstance(event, DataReceived) and event.topic in self._statuses:
             for run in self._runs.values():
-                if (asked := run.bridges.get(event.topic.space)) is not None and run.phase is _Phase.FOLLOWING:
+                if (asked := run.bridges.get(event.topic.space)) is not None and run.phase is CarriedPhase.FOLLOWING:
                     asked.next_at = min(asked.next_at, self._clock() + NEWS_S)
                     self._sooner()
 
@@ -314,7 +294,7 @@ class CarriedRuns:
             deadlines.append(due)
         return max(now, min(deadlines)) if deadlines else None
 
-    def _step(self, run: _Run, now: float) -> None:
+    def _step(self, run: FollowedRun, now: float) -> None:
         """Ask each bridge for what it is to be asked for in this phase, and see whether that is over."""
         self._end_phase(run, now)
         for space, asked in run.bridges.items():
@@ -322,59 +302,75 @@ class CarriedRuns:
                 self._ask_for(run, space, asked, now)
         self._show_waits(run)
 
-    def _show_fetched(self, run: _Run) -> None:
+    def _show_fetched(self, run: FollowedRun) -> None:
         """Write down and show what was fetched, in the order in which it happened."""
         is_late = self._clock() >= run.fetched_at + ORDER_S
         if run.fetched and (is_late or all(asked.is_caught_up for asked in run.bridges.values())):
             run.fetched.sort(key=lambda fact: fact.at)
             self._service.note(run.run_id, run.fetched)
             run.fetched = []
+        if run.decided and not run.fetched:  # after the facts that have led to them
+            decided, run.decided = run.decided, []
+            self._questions.take(run.run_id, decided)
 
-    def _end_phase(self, run: _Run, now: float) -> None:
+    def _end_phase(self, run: FollowedRun, now: float) -> None:
         self._show_fetched(run)
         is_late = now >= run.until
         missing = [space for space, asked in run.bridges.items() if not asked.is_done]
         match run.phase:
-            case _Phase.OFFERING if not missing:
-                self._enter(run, _Phase.BEGINNING, now + OFFER_S)
-            case _Phase.OFFERING if is_late:
+            case CarriedPhase.OFFERING if not missing:
+                self._enter(run, CarriedPhase.BEGINNING, now + OFFER_S)
+            case CarriedPhase.OFFERING if is_late:
                 why = "; ".join(f"{self._names[space]}: {run.bridges[space].problem}" for space in missing)
                 self._close(run, "failed", f"nothing was begun, since not every bridge has its part: {why}")
-            case _Phase.BEGINNING if run.bridges[run.first].is_done:
+            case CarriedPhase.BEGINNING if run.bridges[run.first].is_done:
                 self._service.note(run.run_id, [StepStarted(self._wall_s(), "")])
-                self._enter(run, _Phase.FOLLOWING, 0.0)
-            case _Phase.BEGINNING if is_late:
+                self._enter(run, CarriedPhase.FOLLOWING, 0.0)
+            case CarriedPhase.BEGINNING if is_late:
                 why = run.bridges[run.first].problem
                 self._close(run, "aborted", f"{self._names[run.first]} has not said that it has begun: {why}")
-            case _Phase.FOLLOWING if run.closed is not None and all(a.is_complete for a in run.bridges.values()):
+            case CarriedPhase.ADOPTING if not missing:
+                self._log.info("a carried run goes on without one of its bridges", run_id=run.run_id)
+                self._enter(run, CarriedPhase.FOLLOWING, 0.0)
+            case CarriedPhase.FOLLOWING if run.closed is not None and all(a.is_complete for a in run.bridges.values()):
                 self._end(run)
-            case _Phase.CLOSING if not missing:
+            case CarriedPhase.CLOSING if not missing:
                 self._end(run)
             case _:
                 pass
 
-    def _enter(self, run: _Run, phase: _Phase, until: float) -> None:
+    def _enter(self, run: FollowedRun, phase: CarriedPhase, until: float) -> None:
         run.phase, run.until = phase, until
         for asked in run.bridges.values():
             asked.is_done, asked.next_at = False, 0.0
-            asked.problem = "" if phase is _Phase.FOLLOWING else "it has not answered yet"
+            asked.problem = "" if phase is CarriedPhase.FOLLOWING else "it has not answered yet"
 
-    def _ask_for(self, run: _Run, space: int, asked: _Asked, now: float) -> None:
+    def _ask_for(self, run: FollowedRun, space: int, asked: AskedBridge, now: float) -> None:
         asked.next_at = now + FOLLOW_S
         match run.phase:
-            case _Phase.OFFERING if not asked.is_done:
+            case CarriedPhase.OFFERING if not asked.is_done:
                 word, content = Word.PART, run.parts[space]
-            case _Phase.BEGINNING if space == run.first and not asked.is_done:
+            case CarriedPhase.BEGINNING if space == run.first and not asked.is_done:
                 word, content = Word.TOKEN, run.token
-            case _Phase.CLOSING if not asked.is_done:
+            case CarriedPhase.ADOPTING if run.adopting and not asked.is_done and run.adopting.may_be_told(space):
+                word, content = Word.ADOPT, run.adopting.content_for(space)
+            case CarriedPhase.CLOSING if not asked.is_done:
                 _, outcome, reason = run.closed or (0.0, "aborted", "")
                 word, content = Word.END, encode_words(run=run.run_id, outcome=outcome, reason=reason)
-            case _Phase.FOLLOWING | _Phase.CLOSING:
+            case CarriedPhase.FOLLOWING if not asked.has_pause:
+                word, content = Word.PAUSE, encode_words(run=run.run_id, paused=run.is_paused, by=run.paused_by)
+            case CarriedPhase.FOLLOWING | CarriedPhase.CLOSING:
                 word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.count)
             case _:
                 return
-        phase = run.phase
-        asked.is_asked = self._ask(space, word, content, lambda out: self._answered(run, phase, space, word, out))
+        phase, is_paused = run.phase, run.is_paused
+
+        def told(outcome: RequestOutcome) -> None:
+            if word is Word.PAUSE and is_good(outcome):
+                asked.has_pause = is_paused == run.is_paused
+            self._answered(run, phase, space, word, outcome)
+
+        asked.is_asked = self._ask(space, word, content, told)
         if not asked.is_asked:
             asked.problem, asked.next_at = "it is not heard", now + AGAIN_S
 
@@ -395,36 +391,43 @@ class CarriedRuns:
             return False
         return True
 
-    def _answered(self, run: _Run, phase: _Phase, space: int, word: Word, outcome: RequestOutcome) -> None:
+    def _answered(self, run: FollowedRun, phase: CarriedPhase, space: int, word: Word, outcome: RequestOutcome) -> None:
         if run.run_id not in self._runs:
             return
         asked, report = run.bridges[space], outcome.report
+        if outcome.kind is not OutcomeKind.UNKNOWN and outcome.kind is not OutcomeKind.TIMED_OUT:
+            asked.answered_at = self._clock()
         asked.is_asked, asked.next_at = False, self._clock() + (FOLLOW_S if word is Word.FETCH else 0.0)
-        if _is_good(outcome):
+        if is_good(outcome):
             asked.problem = ""
             if word is Word.FETCH:
                 self._take_page(run, asked, report.result)
+            elif word is Word.ADOPT and run.adopting is not None:
+                run.adopting.take(space, report.result)
+                asked.is_done = True
+                run.bridges[run.adopting.said.heir].next_at = 0.0  # it may be the last one now
             elif phase is run.phase:
                 asked.is_done = True
         else:
             asked.problem = report.message or "it does not answer"
             asked.next_at = self._clock() + AGAIN_S
-            if outcome.kind is OutcomeKind.REFUSED and phase is run.phase is _Phase.OFFERING:
+            if outcome.kind is OutcomeKind.REFUSED and phase is run.phase is CarriedPhase.OFFERING:
                 run.until = self._clock()  # what was refused once is refused again
         self._sooner()
 
-    def _take_page(self, run: _Run, asked: _Asked, result: bytes) -> None:
+    def _take_page(self, run: FollowedRun, asked: AskedBridge, result: bytes) -> None:
         """The facts of one bridge, as they happened there."""
         (packed,) = unpack(result)
         words = decode_words(zlib.decompressobj().decompress(packed.value, MOST_JSON_BYTES), most=MOST_JSON_BYTES)
         for line in words["facts"]:
             asked.count += 1
             fact = decode_fact(line)
-            is_ours = not isinstance(fact, RunCreated | RunEnded | RunClosing) and getattr(fact, "step", "x") != ""
+            is_ours = not isinstance(fact, _OF_SEGMENTS) and getattr(fact, "step", "x") != ""
             if is_ours and (line := encode_fact(fact)) not in run.known:
                 run.known.add(line)
                 run.fetched_at = run.fetched_at if run.fetched else self._clock()
                 run.fetched.append(fact)
+        run.decided += words.get("decisions", ())
         has_all = asked.count >= words["count"]
         asked.is_caught_up = asked.is_caught_up or has_all
         # One that does not know yet that the run is over may have had a token since, and begun something.
@@ -443,37 +446,37 @@ class CarriedRuns:
 
     # The end.
 
-    def _close(self, run: _Run, outcome: str, reason: str, *, by: str = "", is_noted: bool = False) -> None:
+    def _close(self, run: FollowedRun, outcome: str, reason: str, *, by: str = "", is_noted: bool = False) -> None:
         now = self._wall_s()
         if not is_noted:
             self._service.note(run.run_id, [RunClosing(now, _OUTCOMES[outcome], reason, by)])
         run.closed = (now, outcome, reason)
-        self._enter(run, _Phase.CLOSING, 0.0)
+        self._enter(run, CarriedPhase.CLOSING, 0.0)
         self._sooner()
 
-    def _end(self, run: _Run) -> None:
+    def _end(self, run: FollowedRun) -> None:
         at, outcome, reason = run.closed or (self._wall_s(), "aborted", "")
         ended = _OUTCOMES.get(outcome, RunOutcome.FAILED)
         said = reason if outcome in _OUTCOMES else f"the run is {outcome}: {reason}"
+        self._questions.end(run.run_id)
         self._service.note(run.run_id, [RunEnded(at, ended, said)])
         del self._runs[run.run_id]
         for robot in run.robots:
             self._reserve(robot, "")
         self._log.info("carried run ended", run_id=run.run_id, outcome=outcome, reason=reason)
 
-    def _show_waits(self, run: _Run) -> None:
+    def _show_waits(self, run: FollowedRun) -> None:
         """Name the bridges that do not answer, and what they cannot hand over, while there are some."""
-        said = [f"{self._names[space]}: {asked.problem}" for space, asked in run.bridges.items() if asked.problem]
-        if run.phase is _Phase.FOLLOWING or run.phase is _Phase.CLOSING:
+        said = [
+            f"{self._names[space]}: {asked.problem}{self._adoptions.offer(run, space)}"
+            for space, asked in run.bridges.items()
+            if asked.problem
+        ]
+        if run.phase in (CarriedPhase.FOLLOWING, CarriedPhase.ADOPTING, CarriedPhase.CLOSING):
             text = "; ".join(said)
             if text != run.shown and run.run_id in self._runs:
                 run.shown = text
                 self._service.show_waiting(run.run_id, TaskWaits("", "bridges", "", "", text))
-
-
-def _is_good(outcome: RequestOutcome) -> bool:
-    """Whether a bridge has done what it was asked for."""
-    return outcome.kind is OutcomeKind.ACCEPTED and quality_of(outcome.report.status) is Quality.GOOD
 
 
 def _robots(scenario: Scenario) -> frozenset[str]:

@@ -310,6 +310,10 @@ class ScenarioService:
         """Show why such a run does not go on now."""
         self._do([TaskWaiting(run_id, waits)])
 
+    def show_decision(self, changed: DecisionChanged) -> None:
+        """Show what became of a decision of such a run."""
+        self._do([changed])
+
     # People.
 
     def listed(self) -> list[Listed]:

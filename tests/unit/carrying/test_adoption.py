@@ -1,0 +1,213 @@
+"""What a bridge does when another one of its run is off, and when it was away itself: see `tests/carried`, too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from tests.unit.carrying.test_plan import VIEW, plan, task
+from ua_fleet.carrying import (
+    AskEpoch,
+    Begin,
+    Gone,
+    Holder,
+    Part,
+    RunRefused,
+    SendToken,
+    Stop,
+    Token,
+    encode_part,
+    encode_token,
+    parts_of,
+)
+from ua_fleet.carrying.adoption import (
+    Adoption,
+    FilledSlot,
+    adopted_facts,
+    decode_adoption,
+    encode_adoption,
+    filled_slots,
+    heir_of,
+    plan_without,
+)
+from ua_fleet.carrying.facts import CarryFact, RunClosed, decode_carry_fact, encode_carry_fact
+from ua_fleet.carrying.holder import ADOPTED, LOST
+from ua_fleet.carrying.part import PartInvalid
+from ua_fleet.scenario.facts import (
+    Fact,
+    StepEnded,
+    StepState,
+    TaskAccepted,
+    TaskAnswered,
+    TaskAssigned,
+    TaskOutcome,
+    TaskOver,
+    Then,
+    encode_fact,
+)
+
+PLAN = plan(task("one", "a"), task("two", "b", arguments={"x": "=one.out"}), task("three", "a"))
+AWAY_S = 10.0
+
+
+def parts(epoch: int = 1, *, heir: int = 0, gone: int = 0) -> dict[int, Part]:
+    of_plan = plan_without(PLAN, gone, heir) if heir else PLAN
+    return parts_of(of_plan, "run", "made", {}, "anna", adopt_after_s=AWAY_S, epoch=epoch)
+
+
+class Bridge:
+    """A holder with its journal, which has its part."""
+
+    def __init__(self, space: int) -> None:
+        self.space, self.facts = space, list[CarryFact]()
+        self.holder = Holder(space, self.facts.append)
+        self.holder.take_part(encode_part(parts()[space]), 0.0)
+
+    def again(self) -> Holder:
+        """The holder of the next process."""
+        return Holder(self.space, self.facts.append, [decode_carry_fact(encode_carry_fact(one)) for one in self.facts])
+
+
+def adoption(space: int, gone: int, **other: object) -> bytes:
+    made = Adoption(parts(2, heir=space, gone=gone)[space], gone, "anna")
+    return encode_adoption(replace(made, **other), encode_part(made.part))  # type: ignore[arg-type]
+
+
+def token(segment: int, epoch: int = 1) -> bytes:
+    made = parts(epoch)[300 if segment != 1 else 301]
+    values = {"one.out": 2.0} if segment == 1 else {}
+    return encode_token(Token("run", made.plan_hash, epoch, segment, 0, "", values), list(values))
+
+
+def test_the_first_bridge_that_all_take_actions_of_is_the_heir() -> None:
+    assert heir_of(PLAN, 301, VIEW) == 300
+    assert heir_of(PLAN, 300, VIEW) == 301
+    assert heir_of(PLAN, 301, replace(VIEW, requestors={})) == 300, "a bridge alone needs nobody"
+
+
+def test_the_heir_goes_on_from_its_own_results_and_what_was_heard() -> None:
+    bridge = Bridge(300)
+    bridge.holder.take_token(token(0), 0, 1.0)
+    bridge.holder.segment_ended("run", 0, 2.0, results={"one.out": 5.0})
+    (sent,) = bridge.holder.to_send()
+    assert isinstance(sent, SendToken)
+    bridge.holder.handed_over(sent, 3.0)
+    lines = {1: (encode_fact(StepEnded(2.5, "1", StepState.DONE)),)}
+    gone, begun = bridge.holder.take_adoption(adoption(300, 301, facts=lines), 20.0)
+    assert gone == Gone("run", 301, "anna")
+    assert isinstance(begun, Begin)
+    assert (begun.segment.number, begun.values, begun.facts) == (1, {"one.out": 5.0}, lines[1])
+    assert bridge.holder.take_adoption(adoption(300, 301, facts=lines), 21.0) == []
+    again = [one for one in bridge.again().again(22.0) if isinstance(one, Begin)]
+    assert [(one.segment.number, one.values, one.facts) for one in again] == [(1, {"one.out": 5.0}, lines[1])]
+    assert list(bridge.again().to_send()) == []
+
+
+def test_a_token_that_another_bridge_has_proves_that_its_segment_is_over() -> None:
+    bridge = Bridge(301)
+    bridge.holder.take_token(token(1), 300, 1.0)
+    effects = bridge.holder.take_adoption(adoption(301, 300), 20.0)
+    assert [one.segment.number for one in effects if isinstance(one, Begin)] == [1], "and not the first one"
+    filled = filled_slots(bridge.holder.runs["run"].tokens.values())
+    assert FilledSlot(1, 0, "", {"one.out": 2.0}) in filled
+
+
+def test_the_first_segment_begins_at_the_heir_where_nobody_has_a_token_of_it() -> None:
+    bridge = Bridge(301)
+    effects = bridge.holder.take_adoption(adoption(301, 300), 20.0)
+    assert [one.segment.number for one in effects if isinstance(one, Begin)] == [0]
+
+
+def test_tokens_of_the_epoch_before_are_refused_and_said() -> None:
+    bridge = Bridge(301)
+    bridge.holder.take_adoption(adoption(301, 300), 20.0)
+    with pytest.raises(RunRefused, match="epoch 1, and run run has 2"):
+        bridge.holder.take_token(token(1), 300, 21.0)
+    assert bridge.holder.runs["run"].stale == "space 300 has sent a token of epoch 1, and epoch 2 counts"
+
+
+def test_an_adoption_of_another_run_or_plan_or_of_one_that_is_over_is_refused() -> None:
+    bridge = Bridge(301)
+    other = replace(parts(2, heir=301, gone=300)[301], run_id="other")
+    with pytest.raises(RunRefused, match="no part of run other"):
+        bridge.holder.take_adoption(encode_adoption(Adoption(other, 300, "anna"), encode_part(other)), 1.0)
+    old = replace(parts()[301], plan_hash=bytes(8))
+    with pytest.raises(RunRefused, match="epoch 1"):
+        bridge.holder.take_adoption(encode_adoption(Adoption(old, 300, "anna"), encode_part(old)), 1.0)
+    for broken in (b"", b"x" * 50, b"x" * 40_000, adoption(301, 300)[:-5]):
+        with pytest.raises(PartInvalid):
+            bridge.holder.take_adoption(broken, 1.0)
+    bridge.holder.take_end("run", "aborted", "enough", 0, 2.0)
+    with pytest.raises(RunRefused, match="is over here"):
+        bridge.holder.take_adoption(adoption(301, 300), 3.0)
+    assert decode_adoption(adoption(301, 300)).gone == 300
+
+
+def test_a_bridge_that_was_away_begins_nothing_before_it_has_asked() -> None:
+    bridge = Bridge(301)
+    bridge.holder.take_token(token(1), 300, 1.0)
+    soon = bridge.again()
+    assert [type(one) for one in soon.again(1.0 + AWAY_S - 1)] == [Begin]
+    late = bridge.again()
+    assert late.again(1.0 + AWAY_S) == []
+    assert list(late.to_send()) == [AskEpoch("run", 300)]
+    assert [type(one) for one in late.told_epoch(AskEpoch("run", 300), 1, 20.0)] == [Begin]
+    assert list(late.to_send()) == []
+
+
+def test_a_token_that_comes_while_a_bridge_asks_waits() -> None:
+    bridge = Bridge(301)
+    late = bridge.again()
+    assert late.again(50.0) == []
+    assert late.take_token(token(1), 300, 51.0) == []
+    assert [type(one) for one in late.told_epoch(AskEpoch("run", 300), 1, 52.0)] == [Begin]
+
+
+@pytest.mark.parametrize(("epoch", "outcome"), [(2, ADOPTED), (None, LOST)])
+def test_a_late_bridge_parks_what_it_has(epoch: int | None, outcome: str) -> None:
+    bridge = Bridge(301)
+    bridge.holder.take_token(token(1), 300, 1.0)
+    late = bridge.again()
+    late.again(50.0)
+    (stop,) = late.told_epoch(AskEpoch("run", 300), epoch, 51.0)
+    assert isinstance(stop, Stop)
+    assert stop.segments == (1,)
+    closed = bridge.facts[-1]
+    assert isinstance(closed, RunClosed)
+    assert closed.outcome == outcome
+    assert list(late.to_send()) == [], "it tells nobody that the run is over"
+
+
+def test_a_bridge_whose_token_is_refused_asks_why() -> None:
+    bridge = Bridge(300)
+    bridge.holder.take_token(token(0), 0, 1.0)
+    bridge.holder.segment_ended("run", 0, 2.0, results={"one.out": 5.0})
+    (sent,) = bridge.holder.to_send()
+    assert isinstance(sent, SendToken)
+    bridge.holder.refused(sent)
+    assert AskEpoch("run", 301) in list(bridge.holder.to_send())
+    assert bridge.holder.told_epoch(AskEpoch("run", 301), 1, 3.0) == []
+    assert list(bridge.holder.to_send()) == [sent]
+
+
+ASSIGNED = TaskAssigned(1.0, "1", "two", 1, "b", "00" * 16, "work")
+
+
+@pytest.mark.parametrize(
+    ("facts", "done", "said"),
+    [
+        ([], ["two"], [StepEnded(9.0, "1", StepState.DONE, "anna has said so")]),
+        ([], ["1@2"], [StepEnded(9.0, "1@2", StepState.DONE, "anna has said so")]),
+        ([], ["one"], []),
+        ([ASSIGNED], [], [TaskAnswered(9.0, "1", Then.RETRY, "anna")]),
+        ([ASSIGNED, TaskAccepted(2.0, "1", 1)], ["two"], [TaskAnswered(9.0, "1", Then.DONE, "anna")]),
+        ([ASSIGNED, TaskOver(3.0, "1", 1, TaskOutcome.DONE, Then.DONE), StepEnded(3.0, "1", StepState.DONE)], [], []),
+    ],
+)
+def test_what_a_person_says_of_tasks_goes_before_what_was_heard(
+    facts: list[Fact], done: list[str], said: list[Fact]
+) -> None:
+    steps = PLAN.segments[1].steps
+    heard = [*facts, TaskAccepted(1.0, "0", 1)]
+    assert adopted_facts(steps, heard, done, 9.0, "anna") == facts + said

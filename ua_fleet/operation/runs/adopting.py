@@ -1,0 +1,47 @@
+"""What bridges of a carried run are told when another one is off; see `carried_adoption`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from ua_fleet.carrying import Part, encode_part
+from ua_fleet.carrying.adoption import Adoption, FilledSlot, encode_adoption
+from ua_fleet.carrying.words import decode_words
+from ua_fleet.scenario import Value
+from ua_fleet.scenario.facts import RunAdopted
+from ua_fleet.skill.executions import unpack
+
+__all__ = ["Adopting"]
+
+
+@dataclass(slots=True)
+class Adopting:
+    """An adoption that the bridges are told of."""
+
+    said: RunAdopted
+    parts: Mapping[int, Part]
+    results: Mapping[str, Value]
+    facts: Mapping[int, tuple[str, ...]]
+    filled: dict[int, tuple[FilledSlot, ...]] = field(default_factory=dict[int, tuple[FilledSlot, ...]])
+    """What the others have, by their spaces."""
+
+    def may_be_told(self, space: int) -> bool:
+        """Whether a bridge can be told now: the heir is the last one, and gets what the others have."""
+        return space != self.said.heir or self.filled.keys() >= self.parts.keys() - {space}
+
+    def content_for(self, space: int) -> bytes:
+        """What one bridge is told; raises PartInvalid where it is too large."""
+        part = self.parts[space]
+        adoption = Adoption(part, self.said.space, self.said.by)
+        if space == self.said.heir:
+            filled = tuple([slot for slots in self.filled.values() for slot in slots])
+            adoption = Adoption(part, self.said.space, self.said.by, filled, self.results, self.facts)
+        return encode_adoption(adoption, encode_part(part))
+
+    def take(self, space: int, result: bytes) -> None:
+        """A bridge has taken it, and says which tokens it has."""
+        (packed,) = unpack(result)
+        slots: Sequence[Any] = decode_words(bytes(packed.value or b""), most=len(packed.value or b"")).get("filled", ())
+        self.filled[space] = tuple([FilledSlot(int(one[0]), int(one[1]), str(one[2]), dict(one[3])) for one in slots])

@@ -1,0 +1,149 @@
+"""A bridge of a carried run is off, as a person has said: what the others get, so that one of them goes on for it.
+
+The plan is made anew from the run's own text, and its hash has to be that with which the run began: then segments have
+the numbers that the bridges know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from ua_fleet.carrying import Part, Plan, PlanView, parts_of, split
+from ua_fleet.carrying.adoption import adopted_facts, heir_of, plan_without
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.errors import ScenarioError
+from ua_fleet.operation.log import Log
+from ua_fleet.operation.runs.adopting import Adopting
+from ua_fleet.operation.runs.carried_state import CarriedPhase, FollowedRun
+from ua_fleet.operation.runs.service import ScenarioService
+from ua_fleet.scenario import Scenario
+from ua_fleet.scenario.facts import Fact, RunAdopted, RunCarried, RunCreated, encode_fact
+from ua_fleet.scenario.state import RunState
+from ua_fleet.topics import SERVER_SPACE
+
+__all__ = ["Adoptions", "plan_view"]
+
+EPOCH: Final = 2
+"""Of a run whose token was adopted; it is once at most."""
+
+
+def plan_view(config: FleetConfig, service: ScenarioService) -> PlanView:
+    """What splitting needs to know of the fleet now."""
+    bridges, model = config.bridges, service.robots.values()
+    of_server = {
+        name
+        for robot in model
+        for data_set in robot.data_sets
+        if data_set.topic.space == SERVER_SPACE
+        for name in (data_set.name, f"{robot.name}.{data_set.name}")
+    }
+    return PlanView(
+        service.fleet,
+        {robot.name: bridges[robot.bridge].space for robot in model if robot.bridge in bridges},
+        {bridge.space: frozenset(bridge.requestors) for bridge in bridges.values()},
+        frozenset(of_server),
+    )
+
+
+class Adoptions:
+    """What can be adopted of carried runs, and what the bridges are told then."""
+
+    def __init__(
+        self,
+        config: FleetConfig,
+        service: ScenarioService,
+        *,
+        clock: Callable[[], float],
+        wall_s: Callable[[], float],
+        log: Log,
+    ) -> None:
+        """Connect the parts; `clock` is monotonic, `wall_s` the wall clock, both in seconds."""
+        self._config, self._service, self._clock, self._wall_s, self._log = config, service, clock, wall_s, log
+        self._names = {bridge.space: name for name, bridge in config.bridges.items()}
+        self._after_s = config.scenarios.adopt_after_s
+
+    def begin(self, run: FollowedRun, bridge: str, done: Sequence[str], by: str) -> Adopting:
+        """A person says that a bridge of a run is off, of which all that was fetched is in the journal.
+
+        Raises:
+            ScenarioError: the bridge has answered a moment ago, no other one can go on, or the plan is another one.
+        """
+        space = next((space for space in run.bridges if self._names[space] == bridge), None)
+        if space is None or run.phase is not CarriedPhase.FOLLOWING or run.closed is not None or run.adopting:
+            once = "; a bridge of it was left out before, and one is at most" if run.adopting else ""
+            raise ScenarioError(f"run {run.run_id} is {run.phase.value}, and {bridge[:80]!r} cannot be left out{once}")
+        silent_s = self._clock() - run.bridges[space].answered_at
+        if silent_s < self._after_s:
+            raise ScenarioError(
+                f"{bridge} has answered {silent_s:.0f} s ago, and can be left out after {self._after_s:g} s"
+            )
+        facts = self._service.facts_of(run.run_id)
+        heir = self._heir(facts, space)
+        made = self._made(run.run_id, facts, RunAdopted(self._wall_s(), space, heir, tuple(done), by))
+        made.content_for(heir)  # refuses what is too large, before anything is written down
+        return made
+
+    def again(self, run_id: str, facts: Sequence[Fact]) -> Adopting | None:
+        """After a restart: what bridges are to be told, which may know it; None where none was left out."""
+        said = next((fact for fact in facts if isinstance(fact, RunAdopted)), None)
+        if said is None:
+            return None
+        try:
+            return self._made(run_id, facts[: list(facts).index(said)], said)
+        except ScenarioError as error:
+            self._log.error("bridges cannot be told that one of them is left out", run_id=run_id, reason=str(error))
+            return None
+
+    def offer(self, run: FollowedRun, space: int) -> str:
+        """What a person can do about a bridge that has not answered for long; empty while there is nothing."""
+        is_silent = self._clock() - run.bridges[space].answered_at >= self._after_s
+        if not is_silent or run.phase is not CarriedPhase.FOLLOWING or run.adopting or len(run.bridges) == 1:
+            return ""
+        return (
+            f", nor has it answered for {self._after_s:g} s; if it is off for good, see what its robots have done, and"
+            f" have another bridge go on: ua-fleet scenario adopt {run.run_id} {self._names[space]} --off"
+        )
+
+    def _scenario(self, facts: Sequence[Fact]) -> Scenario:
+        """The scenario of a run, from its own text."""
+        text = next(fact.text for fact in facts if isinstance(fact, RunCreated))
+        return self._service.check(f"{text}\n").scenario
+
+    def _plan(self, facts: Sequence[Fact]) -> Plan:
+        plan, problems = split(self._scenario(facts), plan_view(self._config, self._service))
+        if plan is None:
+            raise ScenarioError(f"the fleet has changed since the run began: {problems[0]}")
+        return plan
+
+    def _heir(self, facts: Sequence[Fact], gone: int) -> int:
+        heir = heir_of(self._plan(facts), gone, plan_view(self._config, self._service))
+        if heir is None:
+            name = self._names[gone]
+            raise ScenarioError(f"no other bridge of the run may take the place of {name}: see `requestors` of all")
+        return heir
+
+    def _made(self, run_id: str, facts: Sequence[Fact], said: RunAdopted) -> Adopting:
+        """What the bridges are told; `facts` are those before it was said."""
+        plan, name = self._plan(facts), self._scenario(facts).name
+        created = next(fact for fact in facts if isinstance(fact, RunCreated))
+        carried = next(fact for fact in facts if isinstance(fact, RunCarried))
+
+        def parts(of_plan: Plan, epoch: int) -> dict[int, Part]:
+            given, by = created.parameters, created.by
+            return parts_of(of_plan, run_id, name, given, by, adopt_after_s=self._after_s, epoch=epoch)
+
+        before = parts(plan, 1)
+        if any(part.plan_hash.hex() != carried.plan_hash for part in before.values()):
+            raise ScenarioError(f"the fleet has changed since run {run_id} began, so that its plan is another one now")
+        state = RunState()
+        for fact in facts:
+            state.apply(fact)
+        segments = {
+            number: tuple(
+                [encode_fact(each) for each in adopted_facts(one.body.steps, facts, said.done, said.at, said.by)]
+            )
+            for number, one in before[said.space].segments.items()
+        }
+        results = {f"{task}.{name}": value for task, given in state.results.items() for name, value in given.items()}
+        return Adopting(said, parts(plan_without(plan, said.space, said.heir), EPOCH), results, segments)

@@ -1,0 +1,76 @@
+"""What the server knows of a run that bridges carry; see `operation.runs.carried`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from ua_fleet.operation.runs.adopting import Adopting
+from ua_fleet.scenario.facts import Fact
+
+__all__ = ["AskedBridge", "CarriedPhase", "FollowedRun"]
+
+
+class CarriedPhase(Enum):
+    """What bridges are asked for now."""
+
+    OFFERING = "offering"
+    BEGINNING = "beginning"
+    FOLLOWING = "following"
+    ADOPTING = "adopting"
+    CLOSING = "closing"
+
+
+@dataclass(slots=True)
+class AskedBridge:
+    """What one bridge is asked for a run."""
+
+    is_done: bool = False
+    """Whether it has what it is told in this phase."""
+    is_asked: bool = False
+    next_at: float = 0.0
+    problem: str = "it has not answered yet"
+    answered_at: float = 0.0
+    """When it has answered last, by the monotonic clock; at first, when the run was known here."""
+    count: int = 0
+    """Facts that were fetched."""
+    is_caught_up: bool = False
+    """Whether all was fetched once that it had: what the others say may be put in order with it."""
+    has_pause: bool = True
+    """Whether it knows whether the run is paused."""
+    is_complete: bool = False
+    """Whether it knows that the run is over, does nothing for it, and has no more facts."""
+
+
+@dataclass(slots=True)
+class FollowedRun:
+    """A run and its bridges, by their spaces."""
+
+    run_id: str
+    robots: frozenset[str]
+    phase: CarriedPhase
+    bridges: dict[int, AskedBridge]
+    until: float = 0.0
+    """End of this phase by the monotonic clock, where it has one."""
+    parts: Mapping[int, bytes] = field(default_factory=dict[int, bytes])
+    token: bytes = b""
+    first: int = 0
+    """The space that gets the token."""
+    adopting: Adopting | None = None
+    """A bridge is off, and another one goes on for it."""
+    is_paused: bool = False
+    paused_by: str = ""
+    """The person who has said last whether it is."""
+    closed: tuple[float, str, str] | None = None
+    """When, how and why the run has ended, as a bridge says or the server has decided."""
+    fetched: list[Fact] = field(default_factory=list[Fact])
+    """Facts that are not in the journal yet: they are put in order with those of bridges that were not asked yet."""
+    decided: list[Any] = field(default_factory=list[Any])
+    """What bridges have told of their decisions, which is shown after their facts."""
+    fetched_at: float = 0.0
+    """When the first of them came, by the monotonic clock."""
+    known: set[str] = field(default_factory=set[str])
+    """Facts that are in the journal already, as lines."""
+    shown: str = ""

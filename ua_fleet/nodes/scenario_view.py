@@ -181,16 +181,22 @@ class ScenarioView:
         source = self._nodes.key(f"{SCENARIOS}.Runs.{record.run_id}")
         self._projection.then(partial(self._emit, told, source, record.run_id, self._wall_ticks()))
 
-    def refresh(self, subscription_id: int) -> None:
-        """Tell one subscription all alarms that are retained (ConditionRefresh, OPC 10000-9 5.5.7)."""
+    def refresh(
+        self, subscription_id: int, item_id: int | None, others: Callable[[int, int | None], None] = lambda *_: None
+    ) -> None:
+        """Tell one subscription, or one of its items, all that is retained (ConditionRefresh, OPC 10000-9 5.5.7).
+
+        `others` tells it of the conditions that are no faults.
+        """
         now = self._wall_ticks()
-        self._frame(ObjectIds.RefreshStartEventType, subscription_id, now)
+        self._frame(ObjectIds.RefreshStartEventType, subscription_id, item_id, now)
         for fault_id, (told, ticks) in self._alarms.items():
             robot = self._faults[fault_id].robot
-            self._emit(told, self._nodes.key(f"Robots.{robot}"), robot, ticks, subscription_id)
-        self._frame(ObjectIds.RefreshEndEventType, subscription_id, now)
+            self._emit(told, self._nodes.key(f"Robots.{robot}"), robot, ticks, subscription_id, item_id)
+        others(subscription_id, item_id)
+        self._frame(ObjectIds.RefreshEndEventType, subscription_id, item_id, now)
 
-    def _frame(self, kind: int, subscription_id: int, ticks: int) -> None:
+    def _frame(self, kind: int, subscription_id: int, item_id: int | None, ticks: int) -> None:
         self._events.emit(
             ns0(kind),
             source=NodeId(0, int(ObjectIds.Server)),
@@ -200,9 +206,18 @@ class ScenarioView:
             ticks=ticks,
             fields={},
             subscription_id=subscription_id,
+            item_id=item_id,
         )
 
-    def _emit(self, told: Told, source: NodeId, name: str, ticks: int, subscription_id: int | None = None) -> None:
+    def _emit(
+        self,
+        told: Told,
+        source: NodeId,
+        name: str,
+        ticks: int,
+        subscription_id: int | None = None,
+        item_id: int | None = None,
+    ) -> None:
         fields = told.fields
         if self._published is not None and subscription_id is None:
             event_id = secrets.token_bytes(16)
@@ -217,4 +232,5 @@ class ScenarioView:
             ticks=ticks,
             fields=fields,
             subscription_id=subscription_id,
+            item_id=item_id,
         )

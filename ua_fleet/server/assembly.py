@@ -30,10 +30,12 @@ from ua_fleet.nodes.namespace_nodes import NamespaceNodes
 from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.projection import Projection
 from ua_fleet.nodes.recent_message_methods import RecentMessageMethods
+from ua_fleet.nodes.scenario_view import ScenarioView
 from ua_fleet.nodes.skill_events import tell_transition
 from ua_fleet.nodes.skill_methods import SkillMethods
 from ua_fleet.nodes.summary_nodes import SummaryNodes
 from ua_fleet.nodes.wanted_data import WantedData
+from ua_fleet.operation.alarms.service import AlarmService
 from ua_fleet.operation.robots.offers import ClientOffers
 from ua_fleet.operation.robots.roster import RobotRegistry
 from ua_fleet.operation.runs.activity import RobotActivities
@@ -43,6 +45,7 @@ from ua_fleet.operation.skills.router import SkillRouter
 from ua_fleet.operation.skills.tracker import SkillChange, SkillTransitioned
 from ua_fleet.pubsub.recent import RecentMessages
 from ua_fleet.pubsub.subscriber import LoopRule
+from ua_fleet.server.alarm_setup import make_alarms
 from ua_fleet.server.attached import Clocked, Ground, HistoryPart, NoHistory, NoNamespace, Parts, TimedPart
 from ua_fleet.server.figures import ServerFigures
 from ua_fleet.server.ground import PubSubEnds, make_ground
@@ -130,7 +133,8 @@ class Assembly:
         offers = make_offers(self._hub, given.records.executions)
         requests = SkillRouter(self.ground.skills, offers)
         methods = self._make_methods(requests)
-        self._scenarios, self._carried = self._make_scenarios(requests)
+        self._scenarios, self._carried, view = self._make_scenarios(requests)
+        self.alarms = self._make_alarms(view)
         connect_roster(
             given.roster,
             offers,
@@ -255,7 +259,7 @@ class Assembly:
             methods.add(robot)
         return methods
 
-    def _make_scenarios(self, requests: SkillRouter) -> tuple[ScenarioService, CarriedRuns]:
+    def _make_scenarios(self, requests: SkillRouter) -> tuple[ScenarioService, CarriedRuns, ScenarioView]:
         return make_scenarios(
             self._config,
             self._given.model,
@@ -271,6 +275,22 @@ class Assembly:
             self._run_log,
             self._activities,
             must_be_verified=self._pubsub.connections.must_be_verified,
+        )
+
+    def _make_alarms(self, view: ScenarioView) -> AlarmService:
+        factory = NodeFactory(self._server.iserver.aspace, self._nodes.ns)
+        factory.values = self._nodes.values
+        return make_alarms(
+            self._config,
+            self._given.model,
+            self._server,
+            factory,
+            self._events,
+            self._projection,
+            self._timer,
+            self._given.records.alarms,
+            self._scenarios,
+            view,
         )
 
     def _make_hub(self, offers: ClientOffers) -> Hub:
@@ -291,6 +311,7 @@ class Assembly:
             namespace=self.namespace or NoNamespace(),
             history=self._history,
             carried=self._carried,
+            alarms=self.alarms,
             timed=self._make_timed(offers),
         )
         return Hub(

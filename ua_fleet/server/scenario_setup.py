@@ -58,7 +58,7 @@ def make_scenarios(
     activities: RobotActivities,
     *,
     must_be_verified: bool,
-) -> tuple[ScenarioService, CarriedRuns]:
+) -> tuple[ScenarioService, CarriedRuns, ScenarioView]:
     """Let a server run scenarios, and have bridges carry them; it is not started yet.
 
     Args:
@@ -144,4 +144,4 @@ def make_scenarios(
     ScenarioMethods(server, parts, nodes, view, service, carried).build()
     CarriedMethods(server, parts, service, carried)
     RobotMethods(server, parts, service.holds)
-    return service, carried
+    return service, carried, view

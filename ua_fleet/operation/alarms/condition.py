@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from math import inf
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 from ua_fleet.errors import UaFleetError
 from ua_fleet.operation.alarms.definitions import AlarmDefinition, AlarmKind
@@ -45,7 +45,7 @@ class Shelving(StrEnum):
 class ConditionRefused(UaFleetError):
     """A Method of an alarm or a dialog is not possible in its state; the StatusCode is that of OPC 10000-9."""
 
-    remedy: ClassVar[str] = "Read the state of the alarm, and call what is possible in it."
+    remedy = "Read the state of the alarm, and call what is possible in it."
 
     def __init__(self, ua_status: StatusCode, message: str) -> None:
         super().__init__(message)
@@ -319,8 +319,7 @@ class Condition:
 
     def _comment(self, text: str | None, by: str, now: float) -> None:
         if text is not None:
-            changed = {"comment": text[:MOST_COMMENT], "comment_by": by, "comment_at": now}
-            self.state = replace(self.state, **changed)
+            self.state = replace(self.state, comment=text[:MOST_COMMENT], comment_by=by, comment_at=now)
 
     def _message(self) -> str:
         """One line for people."""

@@ -32,7 +32,10 @@ def alarm_definitions(config: FleetConfig, model: FleetModel) -> Iterator[AlarmD
                 number = data_set.topic.id
                 field = fields[f"{number}.{name}" if name else number]
                 yield _of_field(robot.name, value_name(data_set.name, name), field, alarm)
-    yield from map(_of_bridge, model.bridges)
+    # As long as robots may take to be heard after the start of the server.
+    delay_s = max(5.0, 2 * config.pubsub.receive_timeout_s)
+    for bridge in model.bridges:
+        yield _of_bridge(bridge, delay_s)
 
 
 def _of_field(robot: str, name: str, field: FieldModel, alarm: AlarmConfig) -> AlarmDefinition:
@@ -67,7 +70,7 @@ def _of_field(robot: str, name: str, field: FieldModel, alarm: AlarmConfig) -> A
     )
 
 
-def _of_bridge(bridge: BridgeModel) -> AlarmDefinition:
+def _of_bridge(bridge: BridgeModel, delay_s: float) -> AlarmDefinition:
     online: NodeId = bridge.part("Online")
     return AlarmDefinition(
         id=f"{bridge.name}.Online",
@@ -76,5 +79,6 @@ def _of_bridge(bridge: BridgeModel) -> AlarmDefinition:
         source_name=bridge.name,
         watched=online,
         normal=True,
+        delay_s=delay_s,
         severity=AWAY_SEVERITY,
     )

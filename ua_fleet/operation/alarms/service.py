@@ -10,7 +10,7 @@ down first, or not done.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from heapq import heappop, heappush
 from typing import Final
@@ -21,13 +21,12 @@ from ua_fleet.operation.alarms.condition import Condition, ConditionRefused, Con
 from ua_fleet.operation.alarms.definitions import AlarmDefinition
 from ua_fleet.operation.log import Log
 from ua_fleet.orchestrator import FaultFound
+from ua_fleet.scenario.consequences import ALARM
 from ua_fleet.storage.alarm_states import AlarmStates, StoredAlarm
 from ua_fleet.values import NodeId, StatusCode
 
-__all__ = ["ALARM_FAULT", "AlarmService"]
+__all__ = ["AlarmService"]
 
-ALARM_FAULT: Final = "alarm."
-"""Before the name of a value in the source of a fault that is an alarm."""
 RETRY_S: Final = 1.0
 
 Notify = Callable[[AlarmDefinition, ConditionState], None]
@@ -87,6 +86,11 @@ class AlarmService:
     def __iter__(self) -> Iterator[Condition]:
         return iter(self.conditions.values())
 
+    @property
+    def watched(self) -> Mapping[NodeId, Condition]:
+        """Those that watch a node, by it; it changes with them."""
+        return self._watched
+
     def condition(self, alarm_id: str) -> Condition | None:
         """An alarm by its id."""
         return self.conditions.get(alarm_id)
@@ -102,22 +106,25 @@ class AlarmService:
         self._expect(condition)
         return condition
 
-    def begin(self) -> None:
-        """Tell of the faults that alarms are, as they were kept."""
-        self._found([found for one in self if (found := _fault_of(one)) is not None and one.state.event_id])
+    def faults(self) -> list[FaultFound]:
+        """The alarms that are faults, and whether they are active."""
+        return [found for one in self if (found := _fault_of(one)) is not None]
 
     # What happens.
 
     def value_changed(self, change: ValueChanged) -> None:
         """A node of the fleet has another value or status."""
         condition = self._watched.get(change.key)
-        if condition is None:
-            return
+        if condition is not None:
+            self.look(condition, change)
+
+    def look(self, condition: Condition, change: ValueChanged) -> None:
+        """The node that an alarm watches has another value or status."""
         value = change.value
         if not change.status and condition.floor <= value <= condition.ceiling:
             condition.value = value
-            return
-        self.take(condition, value, change.status)
+        else:
+            self.take(condition, value, change.status)
 
     def take(self, condition: Condition, value: object, status: int) -> None:
         """Hand an alarm a value that may change it."""
@@ -231,7 +238,7 @@ def _fault_of(condition: Condition) -> FaultFound | None:
     definition, state = condition.definition, condition.state
     if not definition.robot:
         return None
-    source = ALARM_FAULT + definition.id.removeprefix(f"{definition.robot}.")
+    source = ALARM + definition.id.removeprefix(f"{definition.robot}.")
     is_active = state.enabled and state.active
     return FaultFound(definition.robot, source, is_active, state.message, definition.capacities)
 

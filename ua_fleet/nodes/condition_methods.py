@@ -16,12 +16,14 @@ from asyncua import ua
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.endpoint.stack import ObjectIds, Refusal, StatusCodes, ns0
 from ua_fleet.endpoint.users import Role
+from ua_fleet.errors import UaFleetError
 from ua_fleet.nodes.alarm_nodes import AlarmNodes
 from ua_fleet.nodes.alarms import ACKNOWLEDGE, ADD_COMMENT, DISABLE, ENABLE
 from ua_fleet.nodes.method_factory import caller
 from ua_fleet.nodes.scenario_view import ScenarioView
 from ua_fleet.operation.alarms.condition import Condition
 from ua_fleet.operation.alarms.service import AlarmService
+from ua_fleet.operation.runs.carried import CarriedRuns
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.values import NodeId
 
@@ -35,6 +37,7 @@ _SUPPRESS: Final = ns0(ObjectIds.AlarmConditionType_Suppress)
 _UNSUPPRESS: Final = ns0(ObjectIds.AlarmConditionType_Unsuppress)
 _UNSHELVE: Final = ns0(ObjectIds.ShelvedStateMachineType_Unshelve)
 _ONE_SHOT: Final = ns0(ObjectIds.ShelvedStateMachineType_OneShotShelve)
+_RESPOND: Final = ns0(ObjectIds.DialogConditionType_Respond)
 _TIMED: Final = ns0(ObjectIds.ShelvedStateMachineType_TimedShelve)
 
 Answer = list[ua.Variant]
@@ -50,6 +53,7 @@ class ConditionMethods:
         scenarios: ScenarioService,
         nodes: AlarmNodes,
         alarms: AlarmService,
+        carried: CarriedRuns,
     ) -> None:
         """Prepare to answer; `build` links the Methods.
 
@@ -59,9 +63,10 @@ class ConditionMethods:
             scenarios: has the faults.
             nodes: of alarms.
             alarms: of values.
+            carried: the runs that bridges carry.
         """
         self._server, self._view, self._scenarios = server, view, scenarios
-        self._nodes, self._alarms = nodes, alarms
+        self._nodes, self._alarms, self._carried = nodes, alarms, carried
 
     def build(self) -> None:
         """Let the Methods be called."""
@@ -77,6 +82,7 @@ class ConditionMethods:
             (_TIMED, self._shelve_for, operator),
             (_ONE_SHOT, self._shelve_once, operator),
             (_UNSHELVE, self._unshelve, operator),
+            (_RESPOND, self._respond, operator),
             (_REFRESH, self._refresh, observer),
             (_REFRESH2, self._refresh, observer),
         ):
@@ -157,6 +163,31 @@ class ConditionMethods:
         """Unshelve (5.8.17.2)."""
         alarm = self._alarm(owner)
         return self._do(alarm, lambda _now: alarm.unshelve())
+
+    # Of dialogs.
+
+    async def _respond(self, owner: ua.NodeId, selected: ua.Variant) -> Answer:
+        """Respond (5.6.3)."""
+        dialog = self._view.dialogs.dialog_of(owner) if self._view.dialogs is not None else None
+        if dialog is None:
+            raise Refusal(StatusCodes.BadNodeIdInvalid, "no dialog")
+        if not dialog.active:
+            raise Refusal(StatusCodes.BadDialogNotActive, f"{dialog.id} is answered")
+        response = int(selected.Value)
+        if not 0 <= response < len(dialog.options):
+            raise Refusal(StatusCodes.BadDialogResponseInvalid, f"{dialog.id} has {len(dialog.options)} responses")
+        option, by = dialog.options[response], caller().name
+        if dialog.decision_id:
+            self._scenarios.confirm(dialog.decision_id, option, by)
+            return []
+        before, dialog.last_response = dialog.last_response, response
+        try:
+            run = self._carried if self._carried.has(dialog.run_id) else self._scenarios
+            run.answer(dialog.run_id, dialog.step, option, by)
+        except UaFleetError:
+            dialog.last_response = before
+            raise
+        return []
 
     # Within.
 

@@ -19,6 +19,7 @@ from ua_fleet.nodes.projection import Projection
 from ua_fleet.nodes.scenario_view import ScenarioView
 from ua_fleet.operation.alarms.configured import alarm_definitions
 from ua_fleet.operation.alarms.service import AlarmService
+from ua_fleet.operation.runs.carried import CarriedRuns
 from ua_fleet.operation.runs.clock import steady
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.server.timer import Timer
@@ -38,6 +39,7 @@ def make_alarms(
     states: AlarmStates,
     scenarios: ScenarioService,
     view: ScenarioView,
+    carried: CarriedRuns,
 ) -> AlarmService:
     """Let a server have alarms; it is not started yet.
 
@@ -51,7 +53,8 @@ def make_alarms(
         timer: is to call what is due.
         states: of alarms, as they are kept.
         scenarios: told of alarms that are faults.
-        view: of faults, which have the same Methods.
+        view: of faults and dialogs, which have the same Methods.
+        carried: runs that bridges carry.
 
     Raises:
         StorageUnavailable: the states cannot be read.
@@ -71,5 +74,5 @@ def make_alarms(
     for condition in alarms:
         nodes.add(condition)
     scenarios.alarms_restored(alarms.faults())
-    ConditionMethods(server, view, scenarios, nodes, alarms).build()
+    ConditionMethods(server, view, scenarios, nodes, alarms, carried).build()
     return alarms

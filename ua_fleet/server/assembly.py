@@ -170,6 +170,7 @@ class Assembly:
             self._ends,
             self.namespace,
             self._given.history,
+            self.alarms,
         )
         figures.tell(self._given.monitor)
 
@@ -291,6 +292,7 @@ class Assembly:
             self._given.records.alarms,
             self._scenarios,
             view,
+            self._carried,
         )
 
     def _make_hub(self, offers: ClientOffers) -> Hub:

@@ -16,6 +16,7 @@ from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.fleet.model import FleetModel
 from ua_fleet.nodes.address_space import FleetNodes
 from ua_fleet.nodes.carried_methods import CarriedMethods
+from ua_fleet.nodes.dialogs import DialogNodes
 from ua_fleet.nodes.events import ServerEvents
 from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.place_nodes import add_places, places_of
@@ -87,7 +88,9 @@ def make_scenarios(
     add_places(parts, places_of(config))
     topic = events_topic(config)
     published = None if topic is None else PublishedEvents(topic, lambda event: hub().publish_event(event))
-    view = ScenarioView(nodes, ServerEvents(server.iserver), projection, wall_ticks, published)
+    events = ServerEvents(server.iserver)
+    dialogs = DialogNodes(parts, events, projection, wall_ticks)
+    view = ScenarioView(nodes, events, projection, wall_ticks, published, dialogs)
 
     def show(output: Output) -> None:
         view.show(output)

@@ -50,6 +50,7 @@ class Watched:
         self.client = client
         self.found: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         self.subscription: Any = None
+        self.item = 0
 
     def event_notification(self, event: Any) -> None:
         self.found.put_nowait({**{name: getattr(event, name, None) for name in FIELDS}, "id": event.NodeId})

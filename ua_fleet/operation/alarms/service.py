@@ -73,6 +73,8 @@ class AlarmService:
         self._retry_at: float | None = None
         self._due: list[tuple[float, str]] = []
         self._away = ""
+        self.told = 0
+        """Notifications since the start."""
         for definition in definitions:
             self.add(definition)
 
@@ -105,6 +107,17 @@ class AlarmService:
             self._watched[definition.watched] = condition
         self._expect(condition)
         return condition
+
+    def counts(self) -> dict[str, int]:
+        """How many alarms are in each state that people look at; one may be in several."""
+        states = [condition.state for condition in self]
+        return {
+            "active": sum(state.enabled and state.active for state in states),
+            "unacknowledged": sum(state.enabled and not state.acked for state in states),
+            "shelved": sum(state.shelving is not Shelving.UNSHELVED for state in states),
+            "suppressed": sum(state.suppressed for state in states),
+            "disabled": sum(not state.enabled for state in states),
+        }
 
     def faults(self) -> list[FaultFound]:
         """The alarms that are faults, and whether they are active."""
@@ -196,6 +209,7 @@ class AlarmService:
         faults: list[FaultFound] = []
         for condition in conditions:
             self._notify(condition.definition, condition.state)
+            self.told += 1
             if (fault := _fault_of(condition)) is not None:
                 faults.append(fault)
         if faults:

@@ -41,7 +41,8 @@ _CONDITION_VARIABLE: Final = ns0(ObjectIds.ConditionVariableType)
 _STATE_VARIABLE: Final = ns0(ObjectIds.FiniteStateVariableType)
 _NULL: Final = NodeId(0, 0)
 _TIME: Final = int(BuiltinType.DATETIME)
-_DURATION: Final = ("UnshelveTime", "MaxTimeShelved", "OnDelay")
+_CERTIFICATE_TYPE: Final = NodeId(0, int(ObjectIds.RsaSha256ApplicationCertificateType))
+_DURATION: Final = ("ExpirationLimit", "UnshelveTime", "MaxTimeShelved", "OnDelay")
 _TYPES: Final = {kind: int(getattr(ObjectIds, kind.value)) for kind in AlarmKind}
 _LIMIT_STATES: Final = {
     Level.HIGH_HIGH: (ObjectIds.ExclusiveLimitStateMachineType_HighHigh, "HighHigh"),
@@ -273,6 +274,11 @@ def _common(definition: AlarmDefinition, state: ConditionState) -> Iterator[tupl
 def _of_kind(definition: AlarmDefinition, state: ConditionState) -> Iterable[tuple[str, Variant]]:
     if definition.kind is not AlarmKind.LEVEL:
         yield "NormalState", node(_NULL)
+        if (certificate := definition.certificate) is not None:
+            yield "ExpirationDate", time_of(ticks_of(certificate.expires_at))
+            yield "ExpirationLimit", number(BuiltinType.DOUBLE, certificate.limit_s * 1000)
+            yield "CertificateType", node(_CERTIFICATE_TYPE)
+            yield "Certificate", Variant(int(BuiltinType.BYTE_STRING), certificate.der)
         return
     levels = definition.levels
     state_id, name = _LIMIT_STATES.get(Level(state.level), (0, ""))

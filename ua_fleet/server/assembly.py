@@ -15,6 +15,7 @@ import structlog
 
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import weaknesses
+from ua_fleet.endpoint.certificates import CertificateInfo
 from ua_fleet.endpoint.expiry import CertificateWatch
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.fleet.commands import Publication
@@ -45,7 +46,7 @@ from ua_fleet.operation.skills.router import SkillRouter
 from ua_fleet.operation.skills.tracker import SkillChange, SkillTransitioned
 from ua_fleet.pubsub.recent import RecentMessages
 from ua_fleet.pubsub.subscriber import LoopRule
-from ua_fleet.server.alarm_setup import make_alarms
+from ua_fleet.server.alarm_setup import certificate_alarms, make_alarms
 from ua_fleet.server.attached import Clocked, Ground, HistoryPart, NoHistory, NoNamespace, Parts, TimedPart
 from ua_fleet.server.figures import ServerFigures
 from ua_fleet.server.ground import PubSubEnds, make_ground
@@ -295,6 +296,9 @@ class Assembly:
             self._carried,
         )
 
+    def _tell_certificates(self, found: Sequence[tuple[CertificateInfo, str]]) -> None:
+        self.alarms.certificates(certificate_alarms(found))
+
     def _make_hub(self, offers: ClientOffers) -> Hub:
         recent = RecentMessages()
         RecentMessageMethods(
@@ -364,6 +368,6 @@ class Assembly:
         return timed | {
             "ClientOffers": Clocked(offers),
             "summaries": summaries,
-            "CertificateWatch": Clocked(CertificateWatch(self._state_dir, self._clock)),
+            "CertificateWatch": Clocked(CertificateWatch(self._state_dir, self._clock, found=self._tell_certificates)),
             "MistakeNodes": Clocked(mistakes),
         }

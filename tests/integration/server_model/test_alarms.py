@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,6 +24,7 @@ from tests.integration.server_model.harness import (
     ua,
     until,
 )
+from ua_fleet.endpoint.certificates import CertificateFiles, certificates_folder, create_certificate
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.values import BuiltinType
 
@@ -255,6 +257,25 @@ async def test_all_states_outlive_a_restart(udp_url: str, tcp_port: int, tmp_pat
         over = await watched.next(SourceName="rover.speed", ActiveState_Id=False)
         assert over["ShelvingState/CurrentState"].Text == "Unshelved"
         assert (await watched.next(SourceName="rover", ActiveState_Id=False))["Message"].Text.startswith("rover: over")
+
+
+async def test_a_certificate_that_ends_is_an_alarm(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
+    config = fleet_config(udp_url, tcp_port)
+    folder = certificates_folder(tmp_path / config.server.state_dir) / "trusted"
+    folder.mkdir(parents=True)
+    files = CertificateFiles(folder / "plc.der", tmp_path / "plc.pem")
+    create_certificate(files, application_uri="urn:plc", common_name="plc", days=5)
+    async with serving(tmp_path, config) as running, running.client() as client:
+        path = "ns=2;s=Alarms.certificates.trusted.plc"
+        await until(reader(client, f"{path}.Retain"), lambda found: found.Value.Value is True)
+        alarm = client.get_node(path)
+        assert (await alarm.read_type_definition()) == ua.NodeId(ua.ObjectIds.CertificateExpirationAlarmType, 0)
+        message = await client.get_node(f"{path}.Message").read_value()
+        assert message.Text.startswith("certificate trusted.plc: expires on ")
+        assert message.Text.endswith("then: ua-fleet cert trust FILE")
+        assert await client.get_node(f"{path}.Certificate").read_value() == files.certificate.read_bytes()
+        ends = await client.get_node(f"{path}.ExpirationDate").read_value()
+        assert 3 <= (ends.replace(tzinfo=UTC) - datetime.now(UTC)).days <= 5
 
 
 async def test_a_bridge_that_is_away_is_an_alarm(udp_url: str, tcp_port: int, tmp_path: Path) -> None:

@@ -334,6 +334,8 @@ class Condition:
             side = "above" if state.level > 0 else "below"
             shown = f"{self.value:g}" if isinstance(self.value, int | float) else "?"
             return f"{definition.id}: {shown}{unit} is {side} {limit:g}{unit}"
+        if state.active and definition.certificate is not None:
+            return f"{definition.source_name}: {definition.certificate.notice}"
         return f"{definition.id}: {'not as it should be' if state.active else 'normal'}"
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 from ua_fleet.operation.alarms.levels import Levels
 from ua_fleet.values import NodeId
 
-__all__ = ["DEFAULT_SEVERITY", "MORE_SEVERE", "AlarmDefinition", "AlarmKind"]
+__all__ = ["DEFAULT_SEVERITY", "MORE_SEVERE", "AlarmDefinition", "AlarmKind", "WatchedCertificate"]
 
 DEFAULT_SEVERITY: Final = 500
 MORE_SEVERE: Final = 200
@@ -24,6 +24,18 @@ class AlarmKind(StrEnum):
     LEVEL = "ExclusiveLevelAlarmType"
     OFF_NORMAL = "OffNormalAlarmType"
     CERTIFICATE = "CertificateExpirationAlarmType"
+
+
+class WatchedCertificate(NamedTuple):
+    """A certificate, and what is to be said of it."""
+
+    der: bytes
+    expires_at: float
+    """Seconds since 1970."""
+    limit_s: float
+    """So long before its end it is an alarm (ExpirationLimit)."""
+    notice: str
+    """What is wrong with it, and what to do; empty while its end is far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +63,8 @@ class AlarmDefinition:
     unit: str = ""
     robot: str = ""
     """The robot whose fault it is; empty where it is no fault."""
+    certificate: WatchedCertificate | None = None
+    """What a CertificateExpirationAlarm is about."""
     capacities: tuple[str, ...] = ()
     """Those that it takes away from the robot while it is active."""
 

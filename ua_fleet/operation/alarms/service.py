@@ -18,7 +18,7 @@ from typing import Final
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.operation.alarms.condition import Condition, ConditionRefused, ConditionState, Shelving
-from ua_fleet.operation.alarms.definitions import AlarmDefinition
+from ua_fleet.operation.alarms.definitions import AlarmDefinition, AlarmKind
 from ua_fleet.operation.log import Log
 from ua_fleet.orchestrator import FaultFound
 from ua_fleet.scenario.consequences import ALARM
@@ -28,6 +28,8 @@ from ua_fleet.values import NodeId, StatusCode
 __all__ = ["AlarmService"]
 
 RETRY_S: Final = 1.0
+_NUMBERS: Final = frozenset((float, int))
+"""What may be compared; a robot may have sent anything."""
 
 Notify = Callable[[AlarmDefinition, ConditionState], None]
 
@@ -73,6 +75,8 @@ class AlarmService:
         self._retry_at: float | None = None
         self._due: list[tuple[float, str]] = []
         self._away = ""
+        self.added: Callable[[Condition], None] = lambda _condition: None
+        """Told of alarms that come later, before they are anything."""
         self.told = 0
         """Notifications since the start."""
         for definition in definitions:
@@ -134,7 +138,7 @@ class AlarmService:
     def look(self, condition: Condition, change: ValueChanged) -> None:
         """The node that an alarm watches has another value or status."""
         value = change.value
-        if not change.status and condition.floor <= value <= condition.ceiling:
+        if not change.status and type(value) in _NUMBERS and condition.floor <= value <= condition.ceiling:
             condition.value = value
         else:
             self.take(condition, value, change.status)
@@ -155,6 +159,22 @@ class AlarmService:
         if due is not None:
             heappush(self._due, (due, condition.definition.id))
             self._sooner()
+
+    def certificates(self, found: Iterable[AlarmDefinition]) -> None:
+        """All certificates there are, as alarms: active where there is something to say. One that is gone is none."""
+        there: set[str] = set()
+        for definition in found:
+            there.add(definition.id)
+            condition = self.conditions.get(definition.id)
+            if condition is None:
+                condition = self.add(definition)
+                self.added(condition)
+            condition.definition = definition
+            is_due = definition.certificate is not None and bool(definition.certificate.notice)
+            self.take(condition, int(is_due), 0)
+        for condition in self:
+            if condition.definition.kind is AlarmKind.CERTIFICATE and condition.definition.id not in there:
+                self.take(condition, 0, 0)
 
     # Time.
 

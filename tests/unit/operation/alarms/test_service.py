@@ -120,6 +120,9 @@ def test_a_value_within_its_band_is_not_looked_at(tmp_path: Path) -> None:
         plant.say(1, 5)
         [one] = [each for each in plant.service if each.definition.id == "r.v1"]
         assert (one.floor, one.ceiling) == (float("-inf"), 10)
+        for odd in (None, "hot", (1.0,)):
+            plant.service.value_changed(ValueChanged(NodeId(2, 1), 0, odd, 0, 0, False))
+            assert one.state.level == 0
         plant.say(1, 9)
         plant.say(1, 10)
         assert one.value == 10

@@ -75,8 +75,8 @@ class ConditionMethods:
             (ACKNOWLEDGE, self._acknowledge, operator),
             (_CONFIRM, self._confirm, operator),
             (ADD_COMMENT, self._add_comment, operator),
-            (ENABLE, self._enable, engineer),
-            (DISABLE, self._disable, engineer),
+            (ENABLE, self._enable, operator),
+            (DISABLE, self._disable, operator),
             (_SUPPRESS, partial(self._suppress, suppressed=True), engineer),
             (_UNSUPPRESS, partial(self._suppress, suppressed=False), engineer),
             (_TIMED, self._shelve_for, operator),
@@ -115,6 +115,7 @@ class ConditionMethods:
         """Enable (5.5.4)."""
         alarm = self._nodes.condition_of(owner)
         if alarm is not None:
+            _check_engineer()
             return self._do(alarm, alarm.enable)
         raise Refusal(StatusCodes.BadConditionAlreadyEnabled)
 
@@ -122,6 +123,7 @@ class ConditionMethods:
         """Disable (5.5.5). A robot that gets no tasks must say so."""
         alarm = self._nodes.condition_of(owner)
         if alarm is not None:
+            _check_engineer()
             return self._do(alarm, lambda _now: alarm.disable())
         raise Refusal(StatusCodes.BadNotSupported, "alarms of faults are always enabled")
 
@@ -209,6 +211,12 @@ class ConditionMethods:
         if not self._view.has_told(fault_id, event_id.Value or b""):
             raise Refusal(StatusCodes.BadEventIdUnknown, f"no event of {fault_id}")
         return fault_id
+
+
+def _check_engineer() -> None:
+    """Faults answer operators, too: that they are always enabled."""
+    if not caller().role.covers(Role.ENGINEER):
+        raise Refusal(StatusCodes.BadUserAccessDenied)
 
 
 def _text_of(comment: ua.Variant) -> str | None:

@@ -46,7 +46,7 @@ def condition(kind: AlarmKind = AlarmKind.LEVEL, *, delay_s: float = 0, confirm:
     ],
 )
 def test_levels_have_a_hysteresis(values: list[float], levels: list[int]) -> None:
-    one, seen = condition(), []
+    one, seen = condition(), list[int]()
     for value in values:
         one.take(value, 0, 1.0)
         seen.append(one.state.level)

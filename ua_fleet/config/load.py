@@ -13,6 +13,7 @@ from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
+from ua_fleet.config.alarms import check_alarms
 from ua_fleet.config.base import Name
 from ua_fleet.config.checks import Parts, check_all, check_ids_given, check_namespaces, check_publisher_ids
 from ua_fleet.config.connection_checks import check_connections, check_list
@@ -273,6 +274,7 @@ def _checked(
     check_setpoint_groups(parts, shell.fleet.namespace_indices)
     check_publisher_ids(parts, shell.sources)
     check_history(parts, shell.history)
+    check_alarms(parts)
     if shell.unified_namespace is not None:
         check_namespace(parts, shell.unified_namespace, shell.fleet.name)
     if shell.modbus is not None:

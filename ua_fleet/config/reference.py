@@ -17,6 +17,7 @@ from typing import Any, Final
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from ua_fleet.config.alarm_schema import LimitsConfig, NormalConfig
 from ua_fleet.config.audit_schema import AuditConfig, SyslogConfig
 from ua_fleet.config.broker_schema import BrokerConfig, BrokerLogin
 from ua_fleet.config.history_schema import HistoryConfig, ValueHistoryConfig
@@ -63,6 +64,8 @@ _SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
     ("`robots.<name>`", RobotConfig),
     ("`robots.<name>.data.<name>`", DataSetConfig),
     ("`robots.<name>.data.<name>.fields.<name>`", FieldConfig),
+    ("`limits` of a data source or a field", LimitsConfig),
+    ("`normal` of a data source or a field", NormalConfig),
     ("`robots.<name>.skills.<name>`", SkillConfig),
     ("`arguments.<name>` and `results.<name>` of a skill", ArgumentConfig),
     ("`limits` of a skill", SkillLimitsConfig),

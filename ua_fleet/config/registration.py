@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter, ValidationError
 
+from ua_fleet.config.alarms import alarms_of
 from ua_fleet.config.base import Name
 from ua_fleet.config.checks import Parts, check_robots, no_namespace
 from ua_fleet.config.load import Loading
@@ -73,9 +74,17 @@ class Definition:
         return RobotText(name, self.bridge, text=definition_text(name, self.config), file=f"robot {name}")
 
 
+_ALARMS: Final = ("limits", "normal")
+_OF_SERVER: Final[dict[str, Any]] = {
+    **dict.fromkeys(("source", "history", *_ALARMS), True),
+    "fields": {"__all__": set(_ALARMS)},
+}
+"""Of a data source: what is the server's own matter, or the bridge's."""
+
+
 def definition_text(name: str, config: RobotConfig) -> str:
     """A robot as text for `read_robot`, without what is its bridge's own matter, or its server's."""
-    own: dict[str, Any] = {"skills": {"__all__": {"via"}}, "data": {"__all__": {"source", "history"}}}
+    own: dict[str, Any] = {"skills": {"__all__": {"via"}}, "data": {"__all__": _OF_SERVER}}
     own |= {"bridge": True, "teleoperation": True, "history": True}
     said: dict[str, Any] = config.model_dump(mode="json", exclude_defaults=True, exclude=own)
     return json.dumps({"robots": {name: said}}, ensure_ascii=False, separators=(",", ":"))
@@ -122,6 +131,9 @@ def read_robot(said: RobotText, fleet: FleetConfig, owner_of: Callable[[Topic], 
     with_history += [(*path, "data", name, "history") for name, one in data.items() if one.history is not None]
     for where in with_history:
         document.problem(where, "what is kept of values is said in fleet.yaml alone", "remove it")
+    for name, one in data.items():
+        for where, *_ in alarms_of(one):
+            document.problem((*path, "data", name, *where), "alarms are said in fleet.yaml alone", "remove it")
     if robot is not None:
         data_of = {(said.name, name): data_set for name, data_set in data.items()}
         check_robots(

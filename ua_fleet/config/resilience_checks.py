@@ -13,7 +13,7 @@ from ua_fleet.errors import JudgementsInvalid
 from ua_fleet.names import closest, listed
 from ua_fleet.scenario import split_index
 
-__all__ = ["check_resilience"]
+__all__ = ["capacities_of", "check_resilience"]
 
 _PATH: Final[KeyPath] = ("resilience",)
 _NO_VALUES: Final = (ScalarType.DATETIME, ScalarType.BYTE_STRING)
@@ -114,7 +114,7 @@ def _check_criterion(parts: Parts, values: _Values, path: KeyPath, criterion: Cr
         parts.document.problem((*path, "distance", there), text, f"add `{missing}`, or remove it")
 
 
-def _capacities(parts: Parts, name: str) -> set[str]:
+def capacities_of(parts: Parts, name: str) -> set[str]:
     """What a robot can do, always or while its data is there."""
     robot = parts.robots.get(name)
     givers = {giver for giver, each in parts.robots.items() if name in (giver, each.mounted_on)}
@@ -137,7 +137,7 @@ def _check_fault(parts: Parts, values: _Values, path: KeyPath, name: str, fault:
             hint = closest(robot, values.robots) or f"robots: {listed(values.robots) or 'none'}"
             parts.document.problem((*path, "robots", position), f"there is no robot `{robot}`", hint)
         else:
-            able = _capacities(parts, robot)
+            able = capacities_of(parts, robot)
             for at, capacity in enumerate(fault.capacities):
                 if capacity not in able:
                     hint = closest(capacity, able) or f"it has: {listed(sorted(able)) or 'none'}"

@@ -11,8 +11,10 @@ from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 
 from pydantic import BaseModel, Field, SerializeAsAny, field_validator, model_validator
 
+from ua_fleet.config.alarm_schema import LimitsConfig, NormalConfig
 from ua_fleet.config.audit_schema import AuditConfig
 from ua_fleet.config.base import RANGED, DataSetId, FieldPath, Model, Name, Port, ScalarType
+from ua_fleet.config.field_schema import OF_FIELDS, FieldConfig
 from ua_fleet.config.history_schema import HistoryConfig, ValueHistoryConfig
 from ua_fleet.config.modbus_schema import ModbusServerConfig
 from ua_fleet.config.namespace_schema import UnifiedNamespaceConfig
@@ -58,32 +60,6 @@ __all__ = [
 ]
 
 
-class FieldConfig(Model, frozen=True, json_schema_extra=implies(given("range"), limited_to("type", *RANGED))):
-    """One field of a DataSet."""
-
-    type: ScalarType
-    """Built-in type of the field, or of its elements."""
-    array: bool = False
-    """Whether the field is an array of `type`."""
-    unit: str | None = None
-    """Engineering unit as shown to users, e.g. `m/s` or `%`."""
-    range: tuple[float, float] | None = None
-    """Least and greatest legal value; a value outside is refused (client) or shown as Uncertain (robot)."""
-    path: FieldPath | None = None
-    """Where the field stands in the robot's own message, e.g. `twist.linear.x`; the field's name if left out."""
-    initial: bool | int | float | str | None = None
-    """First value of a node that clients write. Without it the node waits for its first value."""
-
-    @model_validator(mode="after")
-    def _check(self) -> FieldConfig:
-        if self.range is not None:
-            if self.range[0] >= self.range[1]:
-                raise ValueError("range: the first value must be less than the second")
-            if self.type not in RANGED:
-                raise ValueError(f"range: {self.type.value} has no range")
-        return self
-
-
 class DataMapping(Model, frozen=True):
     """What `source` and `sink` of a data source say. Each kind of bridge derives its own from this one."""
 
@@ -110,7 +86,10 @@ class DataSetConfig(
     frozen=True,
     json_schema_extra=all_of(
         exactly_one("type", "fields", empty=({},)),
-        implies(given("fields", {}), none_of("array", "unit", "range", "path", "initial", empty=(False, ""))),
+        implies(
+            given("fields", {}),
+            none_of(*OF_FIELDS, empty=(False, "")),
+        ),
         implies(given("range"), limited_to("type", *RANGED)),
         implies(given("gives", []), {"not": limited_to("origin", "server")}),
         implies(given("source"), {"not": limited_to("origin", "server")}),
@@ -138,6 +117,10 @@ class DataSetConfig(
     path: FieldPath | None = None
     """Short form, as in a field; `data` if left out."""
     initial: bool | int | float | str | None = None
+    """Short form, as in a field."""
+    limits: LimitsConfig | None = None
+    """Short form, as in a field."""
+    normal: bool | NormalConfig | None = None
     """Short form, as in a field."""
     fields: dict[Annotated[str, Field(pattern=FIELD_NAME)], FieldConfig] = {}
     """Several fields: name to field."""
@@ -177,8 +160,10 @@ class DataSetConfig(
             raise ValueError("give `type` (one field) or `fields` (several)")
         if self.ros_type is not None and not self.fields:
             raise ValueError("ros_type: give `fields`; a single value has the type of std_msgs")
-        if self.fields and (self.array or self.unit or self.range or self.path or self.initial is not None):
-            raise ValueError("with `fields`, array, unit, range, path and initial belong to each field")
+        if self.fields and (self.array or any(getattr(self, name) not in (None, "") for name in OF_FIELDS[1:])):
+            raise ValueError("with `fields`, array, unit, range, path, initial, limits and normal belong to each field")
+        if self.origin == "server" and any(each.has_alarm for each in self.all_fields().values()):
+            raise ValueError("limits and normal: data that clients write has no alarms; use `range`, or remove them")
         self.all_fields()
         return self
 
@@ -188,7 +173,14 @@ class DataSetConfig(
             return self.fields
         assert self.type is not None
         single = FieldConfig(
-            type=self.type, array=self.array, unit=self.unit, range=self.range, path=self.path, initial=self.initial
+            type=self.type,
+            array=self.array,
+            unit=self.unit,
+            range=self.range,
+            path=self.path,
+            initial=self.initial,
+            limits=self.limits,
+            normal=self.normal,
         )
         return {"": single}
 

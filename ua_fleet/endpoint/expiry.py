@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
 import structlog
 
-from ua_fleet.endpoint.certificates import CertificateState, list_certificates
+from ua_fleet.endpoint.certificates import CertificateInfo, CertificateState, list_certificates
 from ua_fleet.validity import Reminder
 
 __all__ = ["CertificateWatch"]
@@ -24,7 +24,11 @@ class CertificateWatch:
     """Called in time (`server.attached.Clock`)."""
 
     def __init__(
-        self, state_dir: Path, clock: Callable[[], float], wall: Callable[[], datetime] = lambda: datetime.now(UTC)
+        self,
+        state_dir: Path,
+        clock: Callable[[], float],
+        wall: Callable[[], datetime] = lambda: datetime.now(UTC),
+        found: Callable[[Sequence[tuple[CertificateInfo, str]]], None] = lambda _found: None,
     ) -> None:
         """Watch the certificates of a server.
 
@@ -32,8 +36,9 @@ class CertificateWatch:
             state_dir: the server's.
             clock: seconds that only grow.
             wall: the time of day, by which certificates end.
+            found: told of all certificates each time, with what is to be said of each; empty for nothing.
         """
-        self._state_dir, self._clock, self._wall = state_dir, clock, wall
+        self._state_dir, self._clock, self._wall, self._found = state_dir, clock, wall, found
         self._reminder = Reminder()
         self._next_at = clock()
 
@@ -47,9 +52,9 @@ class CertificateWatch:
             return
         self._next_at = self._clock() + PERIOD_S
         now = self._wall()
-        for info in list_certificates(self._state_dir):
-            if info.state is CertificateState.REJECTED:
-                continue
+        watched = [one for one in list_certificates(self._state_dir) if one.state is not CertificateState.REJECTED]
+        self._found([(info, info.validity.notice(now)) for info in watched])
+        for info in watched:
             notice = self._reminder.due(str(info.path), info.validity, now)
             if notice:
                 named = f"bridge {info.bridge}" if info.bridge else info.gateway and f"gateway {info.gateway}"

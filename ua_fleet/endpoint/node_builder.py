@@ -57,6 +57,8 @@ TIMESTAMP_WRITE: Final = 64
 
 LAZY_PREFIX: Final = "PubSub."
 """What the string ids begin with of nodes that are made when somebody wants the references of one above."""
+ALARM_PREFIX: Final = "Alarms."
+"""The same of alarms."""
 _LONGEST_LAZY: Final = 300
 """Characters of such an id."""
 _DIGITS: Final = 5
@@ -109,7 +111,7 @@ class _Nodes(dict[ua.NodeId, Any]):
                 owner = super().get(raw_id(int(number), key.NamespaceIndex))
                 if isinstance(owner, BuiltNode) and owner.references and (made := super().get(key)) is not None:
                     return made
-        if isinstance(text, str) and text.startswith(LAZY_PREFIX) and len(text) <= _LONGEST_LAZY:
+        if isinstance(text, str) and text.startswith((LAZY_PREFIX, ALARM_PREFIX)) and len(text) <= _LONGEST_LAZY:
             made = self._made_below(key, text)
             if made is not None:
                 return made

@@ -153,6 +153,14 @@ UNDER_WAY = _metric("executions_under_way", _G, _SERVER, "Skills that have begun
 RUNS = _metric("runs_under_way", _G, _SERVER, "Runs of scenarios that have not ended.")
 RUNS_ENDED = _metric("runs_total", _C, _SERVER, "Runs that have ended since the server's start.", "outcome")
 FAULTS = _metric("faults", _G, _SERVER, "Faults of robots: active, or waiting for their acknowledgement.", "state")
+ALARMS = _metric(
+    "alarms",
+    _G,
+    _SERVER,
+    "Alarms of values: active, unacknowledged, shelved, suppressed or disabled.",
+    "state",
+)
+ALARM_EVENTS = _metric("alarm_events_total", _C, _SERVER, "Changes of alarms of values that clients were told of.")
 DECISIONS = _metric("decisions_open", _G, _SERVER, "Replacements that an operator has to choose.")
 NAMESPACE_UP = _metric(
     "namespace_up", _G, _SERVER, "1 while the broker of the Unified Namespace is connected; absent without one."

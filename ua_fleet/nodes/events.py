@@ -47,6 +47,7 @@ class ServerEvents:
         ticks: int,
         fields: EventFields,
         subscription_id: int | None = None,
+        item_id: int | None = None,
     ) -> None:
         """Tell all who have subscribed to the Server, or one subscription.
 
@@ -59,6 +60,7 @@ class ServerEvents:
             ticks: when it happened.
             fields: those of the type and its supertypes; fields of BaseEventType replace those that are made here.
             subscription_id: the subscription that alone is told.
+            item_id: the MonitoredItem of it that alone is told.
         """
         event = Event(_SERVER)
         now = datetime.now(UTC)
@@ -76,4 +78,8 @@ class ServerEvents:
         for name, field in fields.items():
             variant: Any = to_variant(field.type, field.value) if field.type else ua.Variant()
             event.add_property(name, variant.Value, variant.VariantType)
-        do_at_once(self._iserver.subscription_service.trigger_event(event, subscription_id))
+        registry: Any = self._iserver.subscription_service
+        if item_id is None:
+            do_at_once(registry.trigger_event(event, subscription_id))
+        elif (subscription := registry.subscriptions.get(subscription_id)) is not None:
+            do_at_once(subscription.monitored_item_srv.trigger_event(event, item_id))

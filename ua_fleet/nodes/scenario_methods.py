@@ -14,16 +14,14 @@ from itertools import islice
 from typing import Any, Final, TypeVar
 
 import structlog
-from asyncua import ua
 
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.endpoint.origin import origin
 from ua_fleet.endpoint.sessions import current_session
-from ua_fleet.endpoint.stack import ObjectIds, Refusal, StatusCodes, ns0
+from ua_fleet.endpoint.stack import Refusal, StatusCodes
 from ua_fleet.endpoint.turns import TURN_S, Places
 from ua_fleet.endpoint.users import Role, User
 from ua_fleet.errors import JudgementsInvalid, ScenarioError, ScenarioInvalid, UaFleetError
-from ua_fleet.nodes.alarms import ACKNOWLEDGE, ADD_COMMENT, DISABLE, ENABLE
 from ua_fleet.nodes.carried_methods import said_by_bridges
 from ua_fleet.nodes.method_factory import (
     NOT_FOUND,
@@ -43,13 +41,12 @@ from ua_fleet.operation.runs.library import MOST_BYTES, ScenarioUnknown, version
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.orchestrator import FaultForecast
 from ua_fleet.resilience import DecisionMode, OnLimit, Ranking
-from ua_fleet.values import ARRAY, BuiltinType, NodeId
+from ua_fleet.values import ARRAY, BuiltinType
 
 __all__ = ["ScenarioMethods"]
 
 _log: Any = structlog.get_logger("ua_fleet.scenarios")
 
-MOST_COMMENT: Final = 1000
 MOST_FORECASTS: Final = 500
 """Tasks that one WhatIf looks at."""
 MOST_FORECAST_S: Final = 2.0
@@ -65,7 +62,6 @@ _NUMBER: Final = int(BuiltinType.DOUBLE)
 _NUMBERS: Final = int(BuiltinType.DOUBLE | ARRAY)
 _COUNTS: Final = int(BuiltinType.INT32 | ARRAY)
 _FLAG: Final = int(BuiltinType.BOOLEAN)
-_REFRESH: Final = ns0(ObjectIds.ConditionType_ConditionRefresh)
 _SCENARIO: Final = MethodArgument("Scenario", _TEXT, "name of a scenario of the folder, or the text of one")
 _RUN_ID: Final = MethodArgument("RunId", _TEXT, "the run")
 _ROBOT: Final = MethodArgument("Robot", _TEXT, "name of a robot")
@@ -207,15 +203,6 @@ class ScenarioMethods:
         ):
             method = add(FAULTS, name, operator, work, inputs, ())
             self._server.context.method_rules[method] = _may_speak_for_robots
-        for method, call in (
-            (ACKNOWLEDGE, self._acknowledge),
-            (ADD_COMMENT, self._add_comment),
-            (ENABLE, self._enable),
-            (DISABLE, self._disable),
-            (_REFRESH, self._refresh),
-        ):
-            self._server.link_method(self._server.get_node(method), call)
-        self._server.require_role(_REFRESH, Role.OBSERVER)
 
     async def _aside(self, work: Callable[..., Result], *arguments: Any) -> Result:
         """Do something that computes for long in a thread: one for each user at a time, until it is really done.
@@ -403,47 +390,6 @@ class ScenarioMethods:
         if bridge and self._service.bridge_of(robot) != bridge:
             raise Refusal(StatusCodes.BadUserAccessDenied, f"{robot} is no robot of {bridge}")
 
-    async def _acknowledge(self, parent: ua.NodeId, event_id: ua.Variant, comment: ua.Variant) -> list[ua.Variant]:
-        """Acknowledge (OPC 10000-9 5.7.3)."""
-        fault_id = self._alarm(parent, event_id)
-        if self._view.is_acknowledged(fault_id):
-            raise Refusal(StatusCodes.BadConditionBranchAlreadyAcked, f"{fault_id} is acknowledged")
-        by = caller().name
-        self._view.comment(fault_id, _text_of(comment), by, tell=False)
-        self._service.acknowledge(fault_id, by)
-        return []
-
-    async def _add_comment(self, parent: ua.NodeId, event_id: ua.Variant, comment: ua.Variant) -> list[ua.Variant]:
-        """AddComment (OPC 10000-9 5.5.6)."""
-        self._view.comment(self._alarm(parent, event_id), _text_of(comment), caller().name, tell=True)
-        return []
-
-    async def _enable(self, _parent: ua.NodeId) -> list[ua.Variant]:
-        """Enable (OPC 10000-9 5.5.4)."""
-        raise Refusal(StatusCodes.BadConditionAlreadyEnabled)
-
-    async def _disable(self, _parent: ua.NodeId) -> list[ua.Variant]:
-        """Disable (OPC 10000-9 5.5.5). A robot that gets no tasks must say so."""
-        raise Refusal(StatusCodes.BadNotSupported, "alarms of faults are always enabled")
-
-    async def _refresh(self, _parent: ua.NodeId, subscription_id: ua.Variant) -> list[ua.Variant]:
-        """ConditionRefresh (OPC 10000-9 5.5.7): to the caller's own subscription alone."""
-        number = int(subscription_id.Value)
-        subscription: Any = self._server.iserver.subscription_service.subscriptions.get(number)
-        if subscription is None or subscription.owner != caller():
-            raise Refusal(StatusCodes.BadSubscriptionIdInvalid)
-        self._view.refresh(number)
-        return []
-
-    def _alarm(self, parent: ua.NodeId, event_id: ua.Variant) -> str:
-        identifier: Any = parent.Identifier
-        fault_id = self._view.fault_of(NodeId(int(parent.NamespaceIndex), identifier))
-        if fault_id is None:
-            raise Refusal(StatusCodes.BadNodeIdInvalid, "no fault")
-        if not self._view.has_told(fault_id, event_id.Value or b""):
-            raise Refusal(StatusCodes.BadEventIdUnknown, f"no event of {fault_id}")
-        return fault_id
-
 
 def _whom() -> str:
     """Whose place a call takes: the user's, or that of an address without one."""
@@ -455,11 +401,6 @@ def _short(text: str, most: int) -> str:
     if len(text) > most:
         raise ScenarioInvalid([f"a scenario has at most {most} characters"])
     return text
-
-
-def _text_of(comment: ua.Variant) -> str:
-    value: Any = comment.Value
-    return str(getattr(value, "Text", None) or "")[:MOST_COMMENT]
 
 
 def _judgements(pairs: list[str], values: list[float]) -> dict[tuple[str, str], float]:

@@ -13,6 +13,7 @@ from typing import Final
 from ua_fleet.endpoint.convert import raw_id
 from ua_fleet.endpoint.stack import ObjectIds, ns0
 from ua_fleet.nodes.alarms import Comment, alarm_fields, alarm_message, severity_of
+from ua_fleet.nodes.dialogs import DialogNodes
 from ua_fleet.nodes.events import ServerEvents
 from ua_fleet.nodes.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.nodes.projection import Projection
@@ -52,13 +53,14 @@ class ScenarioView:
         projection: Projection,
         wall_ticks: Callable[[], int],
         published: PublishedEvents | None = None,
+        dialogs: DialogNodes | None = None,
     ) -> None:
         """Connect the parts; the projection makes the events in one order with the values of the nodes.
 
-        `published` publishes events on PubSub too.
+        `published` publishes events on PubSub too; `dialogs` shows what people have to decide as conditions.
         """
         self._nodes, self._events, self._projection, self._wall_ticks = nodes, events, projection, wall_ticks
-        self._published = published
+        self._published, self.dialogs = published, dialogs
         self.runs: dict[str, RunRecord] = {}
         self.decisions: OrderedDict[str, DecisionRecord] = OrderedDict()
         self._event_ids: dict[str, deque[bytes]] = {}
@@ -83,6 +85,11 @@ class ScenarioView:
 
     def show(self, output: Output) -> None:
         """Show something that has happened."""
+        self._show(output)
+        if self.dialogs is not None:
+            self.dialogs.take(output, self.runs, self.decisions)
+
+    def _show(self, output: Output) -> None:
         match output:
             case RunChanged(run_id=run_id, fact=fact):
                 record = self.runs.get(run_id)
@@ -181,16 +188,24 @@ class ScenarioView:
         source = self._nodes.key(f"{SCENARIOS}.Runs.{record.run_id}")
         self._projection.then(partial(self._emit, told, source, record.run_id, self._wall_ticks()))
 
-    def refresh(self, subscription_id: int) -> None:
-        """Tell one subscription all alarms that are retained (ConditionRefresh, OPC 10000-9 5.5.7)."""
+    def refresh(
+        self, subscription_id: int, item_id: int | None, others: Callable[[int, int | None], None] = lambda *_: None
+    ) -> None:
+        """Tell one subscription, or one of its items, all that is retained (ConditionRefresh, OPC 10000-9 5.5.7).
+
+        `others` tells it of the conditions that are no faults.
+        """
         now = self._wall_ticks()
-        self._frame(ObjectIds.RefreshStartEventType, subscription_id, now)
+        self._frame(ObjectIds.RefreshStartEventType, subscription_id, item_id, now)
         for fault_id, (told, ticks) in self._alarms.items():
             robot = self._faults[fault_id].robot
-            self._emit(told, self._nodes.key(f"Robots.{robot}"), robot, ticks, subscription_id)
-        self._frame(ObjectIds.RefreshEndEventType, subscription_id, now)
+            self._emit(told, self._nodes.key(f"Robots.{robot}"), robot, ticks, subscription_id, item_id)
+        others(subscription_id, item_id)
+        if self.dialogs is not None:
+            self.dialogs.refresh(subscription_id, item_id)
+        self._frame(ObjectIds.RefreshEndEventType, subscription_id, item_id, now)
 
-    def _frame(self, kind: int, subscription_id: int, ticks: int) -> None:
+    def _frame(self, kind: int, subscription_id: int, item_id: int | None, ticks: int) -> None:
         self._events.emit(
             ns0(kind),
             source=NodeId(0, int(ObjectIds.Server)),
@@ -200,9 +215,18 @@ class ScenarioView:
             ticks=ticks,
             fields={},
             subscription_id=subscription_id,
+            item_id=item_id,
         )
 
-    def _emit(self, told: Told, source: NodeId, name: str, ticks: int, subscription_id: int | None = None) -> None:
+    def _emit(
+        self,
+        told: Told,
+        source: NodeId,
+        name: str,
+        ticks: int,
+        subscription_id: int | None = None,
+        item_id: int | None = None,
+    ) -> None:
         fields = told.fields
         if self._published is not None and subscription_id is None:
             event_id = secrets.token_bytes(16)
@@ -217,4 +241,5 @@ class ScenarioView:
             ticks=ticks,
             fields=fields,
             subscription_id=subscription_id,
+            item_id=item_id,
         )

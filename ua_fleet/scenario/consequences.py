@@ -32,6 +32,7 @@ from ua_fleet.scenario.model import OnUnknown, Task
 from ua_fleet.scenario.state import TaskPhase, TaskRun
 
 __all__ = [
+    "ALARM",
     "ANNOUNCED",
     "HALT_S",
     "LEAST_SILENCE_S",
@@ -54,6 +55,9 @@ SKILL: Final = "skill"
 NOT_HALTED: Final = "not_halted"
 """Sources of faults; the others have the names of conditions. Nobody can see whether the cause of `skill` is gone:
 acknowledging it clears it. `not_halted` ends when the robot says what became of it, or a person calls ClearFault."""
+
+ALARM: Final = "alarm."
+"""Before the name of a value: the source of a fault that is an alarm of that value."""
 
 BUSY_S: Final = 10.0
 """So long a robot that is at something else is asked again; then it has refused."""

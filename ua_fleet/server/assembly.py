@@ -15,6 +15,7 @@ import structlog
 
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import weaknesses
+from ua_fleet.endpoint.certificates import CertificateInfo
 from ua_fleet.endpoint.expiry import CertificateWatch
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.fleet.commands import Publication
@@ -30,10 +31,12 @@ from ua_fleet.nodes.namespace_nodes import NamespaceNodes
 from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.projection import Projection
 from ua_fleet.nodes.recent_message_methods import RecentMessageMethods
+from ua_fleet.nodes.scenario_view import ScenarioView
 from ua_fleet.nodes.skill_events import tell_transition
 from ua_fleet.nodes.skill_methods import SkillMethods
 from ua_fleet.nodes.summary_nodes import SummaryNodes
 from ua_fleet.nodes.wanted_data import WantedData
+from ua_fleet.operation.alarms.service import AlarmService
 from ua_fleet.operation.robots.offers import ClientOffers
 from ua_fleet.operation.robots.roster import RobotRegistry
 from ua_fleet.operation.runs.activity import RobotActivities
@@ -43,6 +46,7 @@ from ua_fleet.operation.skills.router import SkillRouter
 from ua_fleet.operation.skills.tracker import SkillChange, SkillTransitioned
 from ua_fleet.pubsub.recent import RecentMessages
 from ua_fleet.pubsub.subscriber import LoopRule
+from ua_fleet.server.alarm_setup import certificate_alarms, make_alarms
 from ua_fleet.server.attached import Clocked, Ground, HistoryPart, NoHistory, NoNamespace, Parts, TimedPart
 from ua_fleet.server.figures import ServerFigures
 from ua_fleet.server.ground import PubSubEnds, make_ground
@@ -130,7 +134,8 @@ class Assembly:
         offers = make_offers(self._hub, given.records.executions)
         requests = SkillRouter(self.ground.skills, offers)
         methods = self._make_methods(requests)
-        self._scenarios, self._carried = self._make_scenarios(requests)
+        self._scenarios, self._carried, view = self._make_scenarios(requests)
+        self.alarms = self._make_alarms(view)
         connect_roster(
             given.roster,
             offers,
@@ -166,6 +171,7 @@ class Assembly:
             self._ends,
             self.namespace,
             self._given.history,
+            self.alarms,
         )
         figures.tell(self._given.monitor)
 
@@ -255,7 +261,7 @@ class Assembly:
             methods.add(robot)
         return methods
 
-    def _make_scenarios(self, requests: SkillRouter) -> tuple[ScenarioService, CarriedRuns]:
+    def _make_scenarios(self, requests: SkillRouter) -> tuple[ScenarioService, CarriedRuns, ScenarioView]:
         return make_scenarios(
             self._config,
             self._given.model,
@@ -272,6 +278,26 @@ class Assembly:
             self._activities,
             must_be_verified=self._pubsub.connections.must_be_verified,
         )
+
+    def _make_alarms(self, view: ScenarioView) -> AlarmService:
+        factory = NodeFactory(self._server.iserver.aspace, self._nodes.ns)
+        factory.values = self._nodes.values
+        return make_alarms(
+            self._config,
+            self._given.model,
+            self._server,
+            factory,
+            self._events,
+            self._projection,
+            self._timer,
+            self._given.records.alarms,
+            self._scenarios,
+            view,
+            self._carried,
+        )
+
+    def _tell_certificates(self, found: Sequence[tuple[CertificateInfo, str]]) -> None:
+        self.alarms.certificates(certificate_alarms(found))
 
     def _make_hub(self, offers: ClientOffers) -> Hub:
         recent = RecentMessages()
@@ -291,6 +317,7 @@ class Assembly:
             namespace=self.namespace or NoNamespace(),
             history=self._history,
             carried=self._carried,
+            alarms=self.alarms,
             timed=self._make_timed(offers),
         )
         return Hub(
@@ -341,6 +368,6 @@ class Assembly:
         return timed | {
             "ClientOffers": Clocked(offers),
             "summaries": summaries,
-            "CertificateWatch": Clocked(CertificateWatch(self._state_dir, self._clock)),
+            "CertificateWatch": Clocked(CertificateWatch(self._state_dir, self._clock, found=self._tell_certificates)),
             "MistakeNodes": Clocked(mistakes),
         }

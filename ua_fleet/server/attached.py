@@ -14,6 +14,7 @@ from ua_fleet.fleet.changes import Change, ValueChanged
 from ua_fleet.fleet.commands import Commands, Publication
 from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.state import FleetState
+from ua_fleet.operation.alarms.condition import Condition
 from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.operation.skills.tracker import SkillTracker, SkillTransitioned
@@ -27,6 +28,7 @@ from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 from ua_fleet.wire.messages import FieldMetaData
 
 __all__ = [
+    "AlarmsPart",
     "CarriedPart",
     "Clock",
     "Clocked",
@@ -34,6 +36,7 @@ __all__ = [
     "HistoryPart",
     "ModelPart",
     "NamespacePart",
+    "NoAlarms",
     "NoCarried",
     "NoHistory",
     "NoModel",
@@ -262,6 +265,19 @@ class HistoryPart(TimedPart, Protocol):
         return
 
 
+class AlarmsPart(TimedPart, Protocol):
+    """Alarms of values: see `operation.alarms.service`."""
+
+    @property
+    def watched(self) -> Mapping[NodeId, Condition]:
+        """Those that watch a node, by it; it changes with them."""
+        return {}
+
+    def look(self, condition: Condition, change: ValueChanged) -> None:
+        """The node that an alarm watches has another value or status."""
+        return
+
+
 class CarriedPart(TimedPart, Protocol):
     """Runs that bridges carry: see `operation.runs.carried`."""
 
@@ -276,6 +292,10 @@ class CarriedPart(TimedPart, Protocol):
     def receive(self, event: ActionReceived, now: float) -> None:
         """Take responses."""
         return
+
+
+class NoAlarms(AlarmsPart):
+    """Nothing is watched."""
 
 
 class NoCarried(CarriedPart):
@@ -347,5 +367,6 @@ class Parts:
     namespace: NamespacePart = field(default_factory=NoNamespace)
     history: HistoryPart = field(default_factory=NoHistory)
     carried: CarriedPart = field(default_factory=NoCarried)
+    alarms: AlarmsPart = field(default_factory=NoAlarms)
     timed: Mapping[str, TimedPart] = field(default_factory=dict[str, TimedPart])
     """Others, by the names under which their mistakes are counted."""

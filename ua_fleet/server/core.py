@@ -96,7 +96,8 @@ class ServerCore:
         self._nodes, self._runs, self._teleoperation = parts.nodes, parts.runs, parts.teleoperation
         self._registry, self._wanted, self._model = parts.registry, parts.wanted, parts.model
         self._namespace = parts.namespace
-        self._history, self._carried = parts.history, parts.carried
+        self._history, self._carried, self._alarms = parts.history, parts.carried, parts.alarms
+        self._watched = parts.alarms.watched
         self._coalescer = Coalescer(analog_rate_hz)
         self._tick_s, self._each_second, self._events = tick_s, each_second, events
         self._counters = ground.counters
@@ -125,6 +126,7 @@ class ServerCore:
                 ("WantedData", wanted.poll, wanted.next_deadline),
                 ("PubSub model", self._model.poll, self._model.next_deadline),
                 ("carried runs", self._carried.poll, self._carried.next_deadline),
+                ("alarms", self._alarms.poll, self._alarms.next_deadline),
                 ("history", self._history.poll, self._history.next_deadline),
                 *[(name, part.poll, part.next_deadline) for name, part in parts.timed.items()],
             ],
@@ -323,6 +325,8 @@ class ServerCore:
                         self._nodes.write(ready)
                     self._namespace.value_changed(change)
                     self._history.record(change)
+                    if (alarm := self._watched.get(change.key)) is not None:
+                        self._alarms.look(alarm, change)
                     self._runs.value_changed(change)  # last: who does not understand a value keeps it from no node
                 elif isinstance(change, Noticed):
                     (self._log.warning if change.is_problem else self._log.info)(change.text, **change.ids)

@@ -18,6 +18,7 @@ from ua_fleet.monitoring import Monitor, metrics
 from ua_fleet.monitoring.counted import counted, keys_left, transported
 from ua_fleet.monitoring.metrics import MOST_ROBOTS, Family
 from ua_fleet.nodes.namespace_nodes import NAMESPACE_DROPS
+from ua_fleet.operation.alarms.service import AlarmService
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.scenario.facts import RunOutcome
 from ua_fleet.server.attached import Ground
@@ -56,10 +57,11 @@ class ServerFigures:
         ends: SkillEnds,
         namespace: NamespacePublisher | None = None,
         history: HistoryService | None = None,
+        alarms: AlarmService | None = None,
     ) -> None:
         self._hub, self._state, self._tracker, self._server = hub, ground.state, ground.tracker, server
         self._scenarios, self._runs, self._ends = scenarios, runs, ends
-        self._namespace, self._history = namespace, history
+        self._namespace, self._history, self._alarms = namespace, history, alarms
 
     def tell(self, monitor: Monitor) -> None:
         """Tell of the server from now on: it serves."""
@@ -82,7 +84,8 @@ class ServerFigures:
         namespace = self._namespace
         lost = f"Unified Namespace: {namespace.problem}" if namespace is not None and namespace.problem else ""
         history = "" if self._history is None else self._history.problem
-        return "; ".join(filter(None, (text, self._hub.connections.problem, lost, history)))
+        alarms = f"alarms are not written down: {found}" if self._alarms and (found := self._alarms.problem) else ""
+        return "; ".join(filter(None, (text, self._hub.connections.problem, lost, history, alarms)))
 
     def collect(self) -> Iterator[Family]:
         """All figures now."""
@@ -137,6 +140,9 @@ class ServerFigures:
         unseen = sum(not fault.acknowledged for fault in faults)
         yield metrics.FAULTS.many([(("active",), active), (("unacknowledged",), unseen)])
         yield metrics.DECISIONS.one(service.open_decisions)
+        if (alarms := self._alarms) is not None:
+            yield metrics.ALARMS.many(((state,), number) for state, number in alarms.counts().items())
+            yield metrics.ALARM_EVENTS.one(alarms.told)
 
     def _clients(self) -> Iterator[Family]:
         statistics = self._server.statistics

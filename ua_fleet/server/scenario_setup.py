@@ -16,6 +16,7 @@ from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.fleet.model import FleetModel
 from ua_fleet.nodes.address_space import FleetNodes
 from ua_fleet.nodes.carried_methods import CarriedMethods
+from ua_fleet.nodes.dialogs import DialogNodes
 from ua_fleet.nodes.events import ServerEvents
 from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.place_nodes import add_places, places_of
@@ -58,7 +59,7 @@ def make_scenarios(
     activities: RobotActivities,
     *,
     must_be_verified: bool,
-) -> tuple[ScenarioService, CarriedRuns]:
+) -> tuple[ScenarioService, CarriedRuns, ScenarioView]:
     """Let a server run scenarios, and have bridges carry them; it is not started yet.
 
     Args:
@@ -87,7 +88,9 @@ def make_scenarios(
     add_places(parts, places_of(config))
     topic = events_topic(config)
     published = None if topic is None else PublishedEvents(topic, lambda event: hub().publish_event(event))
-    view = ScenarioView(nodes, ServerEvents(server.iserver), projection, wall_ticks, published)
+    events = ServerEvents(server.iserver)
+    dialogs = DialogNodes(parts, events, projection, wall_ticks)
+    view = ScenarioView(nodes, events, projection, wall_ticks, published, dialogs)
 
     def show(output: Output) -> None:
         view.show(output)
@@ -144,4 +147,4 @@ def make_scenarios(
     ScenarioMethods(server, parts, nodes, view, service, carried).build()
     CarriedMethods(server, parts, service, carried)
     RobotMethods(server, parts, service.holds)
-    return service, carried
+    return service, carried, view

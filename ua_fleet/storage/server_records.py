@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, Self
 
 from ua_fleet.errors import StorageUnavailable
+from ua_fleet.storage.alarm_states import ALARM_TABLES, AlarmStates
 from ua_fleet.storage.database import Database, Run, version_of
 from ua_fleet.storage.journal import EXECUTION_COLUMNS, EXECUTION_TABLES, SqliteJournal
 from ua_fleet.storage.registry import REGISTRY_TABLES, Registry
@@ -108,6 +109,7 @@ class ServerRecords:
             state_dir / SERVER_FILE,
             version=_VERSION,
             schema=(*REGISTRY_TABLES, *REQUEST_TABLES, *EXECUTION_TABLES, *RUN_TABLES, _TAKEN_OVER),
+            additions=ALARM_TABLES,
             fill=lambda run: _take_over(state_dir, run),
         )
         try:
@@ -123,6 +125,9 @@ class ServerRecords:
         """What clients were asked to do."""
         self.runs = RunJournal(self._database)
         """Runs of scenarios, faults, halts, holds and settings."""
+
+        self.alarms = AlarmStates(self._database)
+        """How alarms are."""
 
     def close(self) -> None:
         """Give the file free. Safe to call twice."""

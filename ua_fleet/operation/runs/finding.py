@@ -43,6 +43,8 @@ class FaultFinder:
         self._announced: dict[str, str] = {}
         """What robots say now; not of those whose program is silent."""
         self._conditions = FaultConditions(tuple(rules))
+        self._alarms: set[str] = set()
+        """Faults that are active alarms, by their ids."""
         for robot in model.robots:
             self.add(robot)
 
@@ -118,10 +120,15 @@ class FaultFinder:
         """Values of robots have changed."""
         return self._conditions.check(lookup)
 
+    def alarms_found(self, found: Iterable[FaultFound]) -> None:
+        """Alarms of values that are faults have become active or inactive."""
+        for one in found:
+            (self._alarms.add if one.active else self._alarms.discard)(f"{one.robot}.{one.source}")
+
     def is_there(self, fault: Fault) -> bool:
         """Whether the cause of a fault is there as far as can be seen, so that nobody can say that it is over."""
         if fault.source == SILENT:
             return fault.robot not in self._heard
         if fault.source == ANNOUNCED:
             return bool(self._announced.get(fault.robot))
-        return self._conditions.is_active(fault.robot, fault.source)
+        return fault.id in self._alarms or self._conditions.is_active(fault.robot, fault.source)

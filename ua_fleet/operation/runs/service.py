@@ -56,7 +56,7 @@ from ua_fleet.orchestrator.dry_run import DryRun, dry_run
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.resilience import Confirmation, Judgements, Ranking
 from ua_fleet.scenario import Scenario, Value
-from ua_fleet.scenario.consequences import NOT_HALTED, SILENT
+from ua_fleet.scenario.consequences import ALARM, NOT_HALTED, SILENT
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome
 from ua_fleet.skill.executions import RequestOutcome
@@ -640,6 +640,18 @@ class ScenarioService:
         if self._news_at is None:
             self._news_at = self._clock()
             self._sooner()
+
+    def alarms_found(self, found: Sequence[FaultFound]) -> None:
+        """Alarms of values that are faults have become active or inactive."""
+        self._finder.alarms_found(found)
+        self._tell_soon(found)
+
+    def alarms_restored(self, found: Sequence[FaultFound]) -> None:
+        """How these alarms were before the restart: a fault of one that is over, or not there any more, ends."""
+        active = {f"{one.robot}.{one.source}" for one in found if one.active}
+        kept = [fault for fault in self.faults if fault.active and fault.source.startswith(ALARM)]
+        over = [FaultFound(fault.robot, fault.source, False, "") for fault in kept if fault.id not in active]
+        self.alarms_found([*over, *[one for one in found if one.active]])
 
     def _explained(self, found: FaultFound) -> FaultFound:
         """What was found, with why nothing is heard of a robot that is silent."""

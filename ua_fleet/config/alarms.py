@@ -1,0 +1,43 @@
+"""Alarms of values held against the robots: the capacities that they take away."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ua_fleet.config.alarm_schema import AlarmConfig, NormalConfig
+from ua_fleet.config.parts import Parts
+from ua_fleet.config.resilience_checks import capacities_of
+from ua_fleet.config.schema import DataSetConfig, FieldConfig
+from ua_fleet.document import KeyPath
+from ua_fleet.names import closest, listed
+
+__all__ = ["alarm_of", "alarms_of", "check_alarms"]
+
+
+def alarm_of(field: FieldConfig) -> AlarmConfig | None:
+    """The alarm of a field; None where it has none."""
+    if field.limits is not None:
+        return field.limits
+    return NormalConfig(value=field.normal) if isinstance(field.normal, bool) else field.normal
+
+
+def alarms_of(data: DataSetConfig) -> Iterator[tuple[KeyPath, str, FieldConfig, AlarmConfig]]:
+    """The fields of a data source with alarms: where the alarm stands below it, the field, and the alarm."""
+    for name, field in data.all_fields().items():
+        if (alarm := alarm_of(field)) is not None:
+            key = "limits" if field.limits is not None else "normal"
+            yield (("fields", name, key) if name else (key,)), name, field, alarm
+
+
+def check_alarms(parts: Parts) -> None:
+    """Note alarms that take away what their robot does not have."""
+    for (robot, name), data in parts.data.items():
+        able = capacities_of(parts, robot)
+        for path, _, _, alarm in alarms_of(data):
+            if isinstance(alarm.fault, bool):
+                continue
+            for position, capacity in enumerate(alarm.fault):
+                if capacity not in able:
+                    hint = closest(capacity, able) or f"it has: {listed(sorted(able)) or 'none'}"
+                    where: KeyPath = ("robots", robot, "data", name, *path, "fault", position)
+                    parts.document.problem(where, f"{robot} lacks the capacity `{capacity}`", hint)

@@ -6,11 +6,12 @@ It reads the alarm, acknowledges its last event twice, shelves and unshelves it,
 
 from __future__ import annotations
 
+import importlib
 import json
 import sys
+from typing import Any
 
-import o6
-
+o6: Any = importlib.import_module("o6")
 url, user, password, certificate, key, server, alarm = sys.argv[1:]
 client = o6.Client(
     url,

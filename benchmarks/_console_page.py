@@ -156,7 +156,11 @@ class Heap:
     def kept_mb(self) -> float:
         """What the page itself keeps: without what the browser has compiled, which comes over hours and has a bound."""
         chunks: list[str] = []
-        self._session.on("HeapProfiler.addHeapSnapshotChunk", lambda part: chunks.append(part["chunk"]))
+
+        def take(part: dict[str, str]) -> None:
+            chunks.append(part["chunk"])
+
+        self._session.on("HeapProfiler.addHeapSnapshotChunk", take)
         self._session.send("HeapProfiler.takeHeapSnapshot", {"reportProgress": False})
         snapshot = json.loads("".join(chunks))
         form = snapshot["snapshot"]["meta"]

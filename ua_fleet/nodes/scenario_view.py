@@ -188,9 +188,7 @@ class ScenarioView:
         source = self._nodes.key(f"{SCENARIOS}.Runs.{record.run_id}")
         self._projection.then(partial(self._emit, told, source, record.run_id, self._wall_ticks()))
 
-    def refresh(
-        self, subscription_id: int, item_id: int | None, others: Callable[[int, int | None], None] = lambda *_: None
-    ) -> None:
+    def refresh(self, subscription_id: int, item_id: int | None, others: Callable[[int, int | None], None]) -> None:
         """Tell one subscription, or one of its items, all that is retained (ConditionRefresh, OPC 10000-9 5.5.7).
 
         `others` tells it of the conditions that are no faults.

@@ -66,16 +66,17 @@ class Watched:
 
 
 def event_filter() -> Any:
-    wanted = ua.EventFilter()
-    wanted.SelectClauses = []
+    wanted: Any = ua.EventFilter()
+    clauses: list[Any] = []
     for name in FIELDS:
         clause = ua.SimpleAttributeOperand()
         clause.TypeDefinitionId, clause.AttributeId = ua.NodeId(2041, 0), ua.AttributeIds.Value
         clause.BrowsePath = [ua.QualifiedName(part, 0) for part in name.split("/")]
-        wanted.SelectClauses.append(clause)
+        clauses.append(clause)
     clause = ua.SimpleAttributeOperand()
     clause.TypeDefinitionId, clause.AttributeId = ua.NodeId(2782, 0), ua.AttributeIds.NodeId
-    wanted.SelectClauses.append(clause)
+    clauses.append(clause)
+    wanted.SelectClauses = clauses
     of_type = ua.ContentFilterElement()
     of_type.FilterOperator = ua.FilterOperator.OfType
     of_type.FilterOperands = [ua.LiteralOperand(Value=ua.Variant(ua.NodeId(2782, 0)))]

@@ -51,6 +51,7 @@ _TWO_BYTE: Final = ua.NodeIdType.TwoByte
 _FOUR_BYTE: Final = ua.NodeIdType.FourByte
 _NUMERIC: Final = ua.NodeIdType.Numeric
 _STRING: Final = ua.NodeIdType.String
+_TWO: Final = struct.Struct("<BB")
 _FOUR: Final = struct.Struct("<BBH")
 _SEVEN: Final = struct.Struct("<BHI")
 _NAMED: Final = struct.Struct("<BHi")
@@ -84,7 +85,7 @@ def encode_node_id(node_id: Any) -> bytes:
     kind = node_id.NodeIdType
     if not isinstance(node_id, ua.ExpandedNodeId) or not (node_id.NamespaceUri or node_id.ServerIndex):
         if kind is _TWO_BYTE:
-            return bytes((0, node_id.Identifier))
+            return _TWO.pack(0, node_id.Identifier)
         if kind is _FOUR_BYTE:
             return _FOUR.pack(1, node_id.NamespaceIndex, node_id.Identifier)
         if kind is _STRING and isinstance(node_id.Identifier, str):

@@ -12,9 +12,8 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from asyncua import ua
-from asyncua.ua.ua_binary import struct_to_binary
 
-from ua_fleet.endpoint.data_values import encode_data_value
+from ua_fleet.endpoint.binary.encoders import encode
 from ua_fleet.endpoint.stack import DECODE_ERRORS, StatusCodes, status
 
 __all__ = ["ArrayResponse", "Misfit", "encode_value", "rough_bytes"]
@@ -65,17 +64,17 @@ class ArrayResponse:
             self.left = 0
         if self.left:
             try:
-                data = encode_data_value(result)
+                data = encode(result)
             except DECODE_ERRORS as error:
                 misfit(what(), error)
-                self.add_small(struct_to_binary(refused(StatusCodes.BadEncodingError)))
+                self.add_small(encode(refused(StatusCodes.BadEncodingError)))
                 return
             if len(data) <= self.left:
                 self.add_bytes(data)
                 return
         # All that follow are refused too, so that what does not fit is not encoded ten thousand times.
         self.left = 0
-        self.add_small(struct_to_binary(refused(StatusCodes.BadEncodingLimitsExceeded)))
+        self.add_small(encode(refused(StatusCodes.BadEncodingLimitsExceeded)))
 
     def add_bytes(self, data: bytes) -> None:
         """Add a result that is encoded already, and fits."""
@@ -93,7 +92,7 @@ class ArrayResponse:
 
     def encode(self) -> bytes:
         """The bytes of the response."""
-        data = struct_to_binary(self.response)
+        data = encode(self.response)
         count = len(self._parts).to_bytes(4, "little")
         return b"".join((data[:-8], count, *self._parts, _diagnostics(self._reasons)))
 
@@ -121,10 +120,10 @@ def encode_value(value: ua.DataValue, room: int, misfit: Misfit, what: Callable[
     code = StatusCodes.BadEncodingLimitsExceeded
     if rough_bytes(value) <= room:
         try:
-            data = encode_data_value(value)
+            data = encode(value)
             if len(data) <= room:
                 return data
         except DECODE_ERRORS as error:
             misfit(what(), error)
             code = StatusCodes.BadEncodingError
-    return struct_to_binary(ua.DataValue(StatusCode=status(code)))
+    return encode(ua.DataValue(StatusCode=status(code)))

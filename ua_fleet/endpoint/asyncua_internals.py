@@ -16,8 +16,6 @@ ASYNCUA_VERSION: Final = "2.1.0"
 
 _USED: Final[Mapping[str, tuple[str, ...]]] = {
     "asyncua.common.connection": (
-        "MessageChunk.message_to_chunks(security_policy, body, max_chunk_size, message_type)",
-        "MessageChunk.max_body_size(crypto, max_chunk_size)",
         "SecureConnection._check_incoming_chunk(chunk)",
         "SecureConnection._check_sym_header(security_hdr)",
         "SecureConnection._drop_incoming_parts()",
@@ -31,6 +29,8 @@ _USED: Final[Mapping[str, tuple[str, ...]]] = {
     ),
     "asyncua.common.utils": ("Buffer(data, start_pos, size)", "ServiceError(code)"),
     "asyncua.crypto.security_policies": (
+        "Cryptography.revolved_expired_key()",
+        "CryptographyNone()",
         "SecurityPolicyFactory(cls, mode, certificate, private_key, permission_ruleset, certificate_chain)",
         "SecurityPolicyFactory.create(peer_certificate)",
     ),
@@ -56,13 +56,18 @@ _USED: Final[Mapping[str, tuple[str, ...]]] = {
         "SubscriptionService.condition_refresh(parent, subscription_id, mid)",
     ),
     "asyncua.ua.ua_binary": (
+        "create_list_serializer(uatype)",
+        "create_type_serializer(uatype)",
+        "extensionobject_to_binary(obj)",
         "from_binary(uatype, data)",
         "get_safe_type_hints(cls, extra_ns)",
         "header_from_binary(data)",
         "nodeid_from_binary(data)",
+        "nodeid_to_binary(nodeid)",
         "resolve_uatype(ftype)",
         "struct_to_binary(obj)",
         "uatcp_to_binary(message_type, message)",
+        "variant_to_binary(var)",
     ),
     "asyncua.ua.uatypes": (
         "type_allow_subclass(uatype)",

@@ -18,16 +18,17 @@ from asyncua.common.connection import TransportLimits
 from asyncua.common.utils import Buffer
 from asyncua.crypto.security_policies import SecurityPolicyFactory
 from asyncua.server.internal_server import InternalServer
-from asyncua.ua.ua_binary import header_from_binary, struct_to_binary, uatcp_to_binary
+from asyncua.ua.ua_binary import header_from_binary, uatcp_to_binary
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
 
 from ua_fleet.endpoint.answers import ArrayResponse
 from ua_fleet.endpoint.audit_events import ChannelOpened
+from ua_fleet.endpoint.binary.encoders import encode
 from ua_fleet.endpoint.connection import FrameError
 from ua_fleet.endpoint.decoding import Hello, OpenRequest, check_open_header, decode_hello, decode_open
 from ua_fleet.endpoint.limits import CHUNK_BYTES, MIN_CHUNK_BYTES, EndpointLimits
-from ua_fleet.endpoint.secure_connection import NONE_URI, CheckedConnection, der
+from ua_fleet.endpoint.secure_connection import NONE_URI, CheckedConnection, Message, der
 from ua_fleet.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes, name_of, status
 from ua_fleet.endpoint.trust import (
     MAX_CHAIN_BYTES,
@@ -44,7 +45,6 @@ _ACKNOWLEDGE: Final[Any] = ua.MessageType.Acknowledge
 _ERROR: Final[Any] = ua.MessageType.Error
 _OPEN: Final[Any] = ua.MessageType.SecureOpen
 _CLOSE: Final[Any] = ua.MessageType.SecureClose
-_MESSAGE: Final[Any] = ua.MessageType.SecureMessage
 _CHUNKS_BEFORE_AUTHENTICATION: Final = 16
 _MOST_ENCRYPTED: Final = 4_096
 """Encrypted bytes of an OpenSecureChannel. Each 256 or 512 of them are one use of the server's private key; a client
@@ -167,8 +167,10 @@ class Channel:
         if self.secured:
             self._trust.check(self._secure.chain)
 
-    def receive(self, frame: bytes) -> Any:
+    def receive(self, frame: bytes) -> Message | None:
         """A whole request, or None; raises FrameError or CertificateRefused, then the connection ends."""
+        if self._secure.is_open() and (taken := self._secure.take(frame)) is not None:
+            return taken
         buffer = Buffer(frame)
         try:
             header: Any = header_from_binary(buffer)
@@ -193,7 +195,7 @@ class Channel:
                 raise FrameError(0, "closed by the client")
             if header.MessageType == _OPEN:
                 self._open(message)
-                message = None
+                return None
         except InvalidSignature as error:
             raise FrameError(StatusCodes.BadSecurityChecksFailed, "a wrong signature") from error
         except ua.UaStatusCodeError as error:
@@ -203,7 +205,7 @@ class Channel:
         except (RemoteWireError, *DECODE_ERRORS) as error:
             code = StatusCodes.BadSecurityChecksFailed if self._hello else StatusCodes.BadDecodingError
             raise FrameError(code, f"{type(error).__name__}: {error!s:.100}") from error
-        return message
+        return Message(int(message.SequenceHeader().RequestId), bytes(message.body()))
 
     def _receive_hello(self, hello: Hello) -> None:
         if self._hello:
@@ -269,7 +271,9 @@ class Channel:
             in_chunks = self._secure.most_bytes(self._most_chunks)
             self.response_bytes = min(self.response_bytes or in_chunks, in_chunks)
         response.ResponseHeader.RequestHandle = request.head.handle  # pyright: ignore[reportAttributeAccessIssue]
-        self._send(struct_to_binary(response), message.SequenceHeader().RequestId, _OPEN)
+        request_id = message.SequenceHeader().RequestId
+        data = encode(response)
+        self.output.append(self._secure.message_to_binary(data, message_type=_OPEN, request_id=request_id))
 
     def _check_renewal(self, algorithm: Any, mode: ua.MessageSecurityMode) -> None:
         policy = self._secure.security_policy
@@ -287,21 +291,18 @@ class Channel:
             data = response.encode()
         else:
             response.ResponseHeader.RequestHandle = handle
-            data = struct_to_binary(response)
+            data = encode(response)
         if len(data) > self.response_bytes > 0 and not isinstance(response, ua.ServiceFault):
             raise OverflowError(f"a response of {len(data)} bytes, the client takes {self.response_bytes}")
         return data
 
     def respond(self, data: bytes, request_id: int) -> None:
         """Put an encoded response out."""
-        self._send(data, request_id, _MESSAGE)
+        self.output.append(self._secure.message(data, request_id))
 
     def chunks(self, data: bytes, request_id: int) -> Iterator[bytes]:
         """An encoded response as chunks. Nothing else may be sent between the first one and the last (OPC 10000-6)."""
         return self._secure.chunks(data, request_id)
-
-    def _send(self, data: bytes, request_id: int, message_type: Any) -> None:
-        self.output.append(self._secure.message_to_binary(data, message_type=message_type, request_id=request_id))
 
     @staticmethod
     def error_message(code: int, reason: str) -> bytes:

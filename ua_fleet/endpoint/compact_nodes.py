@@ -20,13 +20,15 @@ __all__ = ["BuiltNode", "HeldValue", "NodeKind", "Shared"]
 class HeldValue:
     """The value of an attribute and who watches it; asyncua's AttributeValue."""
 
-    __slots__ = ("_watchers", "value", "value_callback", "value_setter")
+    __slots__ = ("_watchers", "encoded", "value", "value_callback", "value_setter")
 
     def __init__(self, value: ua.DataValue | None) -> None:
         self.value = value
         self.value_callback: Callable[..., ua.DataValue] | None = None
         self.value_setter: Callable[..., None] | None = None
         self._watchers: dict[int, Callable[..., Any]] | None = None
+        self.encoded: tuple[ua.DataValue, bytes] | None = None
+        """The value that was encoded last, and its bytes; of no use once there is another one."""
 
     @property
     def datachange_callbacks(self) -> dict[int, Callable[..., Any]]:

@@ -1,22 +1,16 @@
 """The order of a DataValue's times on the wire.
 
 OPC 10000-6 5.2.2.17 has SourceTimestamp, SourcePicoSeconds, ServerTimestamp, ServerPicoSeconds; asyncua reads and
-writes SourcePicoSeconds behind ServerTimestamp. So where both are there, they change places before asyncua reads them
-and after it has written them. What has no picoseconds costs one comparison. DataValues inside of Variants are left
-alone both ways.
+writes SourcePicoSeconds behind ServerTimestamp. So where both are there, they change places before asyncua reads them.
+What has no picoseconds costs one comparison. DataValues inside of Variants are left alone.
 """
-
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
-from asyncua import ua
-from asyncua.ua.ua_binary import struct_to_binary
-
-__all__ = ["MOST_PICOSECONDS", "encode_data_value", "in_asyncuas_order", "misplaced"]
+__all__ = ["MOST_PICOSECONDS", "in_asyncuas_order", "misplaced"]
 
 MOST_PICOSECONDS: Final = 9_999
 """In units of 10 ps; larger ones stand for it (OPC 10000-6 5.2.2.17)."""
@@ -45,12 +39,3 @@ def in_asyncuas_order(data: bytes, places: Sequence[int]) -> bytes:
     for at in places:
         ordered[at : at + _BOTH] = data[at + _PICOSECONDS : at + _BOTH] + data[at : at + _PICOSECONDS]
     return bytes(ordered)
-
-
-def encode_data_value(value: Any) -> bytes:
-    """A DataValue as bytes; of any other structure asyncua's. Raises what asyncua raises."""
-    data: bytes = struct_to_binary(value)
-    if not isinstance(value, ua.DataValue) or value.SourcePicoseconds is None or value.ServerTimestamp is None:
-        return data
-    at = misplaced(data[0], len(data))
-    return data[:at] + data[at + _TIME : at + _BOTH] + data[at : at + _TIME] + data[at + _BOTH :]

@@ -13,6 +13,7 @@ from typing import Any, Final
 from asyncua.common.utils import Buffer
 from asyncua.ua.ua_binary import from_binary
 
+from ua_fleet.endpoint.binary.decoders import PLAIN, decode_plain
 from ua_fleet.endpoint.data_values import in_asyncuas_order
 from ua_fleet.endpoint.scan import Scan, steps_of
 from ua_fleet.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes, opaque_id
@@ -29,6 +30,7 @@ __all__ = [
     "check_open_header",
     "decode_hello",
     "decode_open",
+    "decode_operation",
     "decode_parameters",
     "decode_request_head",
 ]
@@ -46,6 +48,8 @@ MOST_ENTRY: Final = 200
 """Of an AuditEntryId no more is kept."""
 _HELLO: Final = struct.Struct("<5I")
 _TIME_HANDLE_DIAGNOSTICS: Final = struct.Struct("<qII")
+_COMMON_HEAD: Final = struct.Struct("<BBHBHi32sqIIiI3s")
+"""Type, token and header of a request as most are: with a session, no AuditEntryId and no AdditionalHeader."""
 _OPEN_SECURE_CHANNEL: Final = 446
 """Id of OpenSecureChannelRequest's encoding."""
 
@@ -131,6 +135,13 @@ def decode_request_head(body: Buffer) -> RequestHead:
     AdditionalHeader is passed by its length and never decoded: this server knows no such header.
     """
     data = bytes(body)
+    if len(data) >= _COMMON_HEAD.size:
+        form, namespace, kind, token_form, _, size, token, _, handle, diagnostics, entry, hint, header = (
+            _COMMON_HEAD.unpack_from(data)
+        )
+        if (form, namespace, token_form, size, entry, header) == (1, 0, 5, 32, -1, b"\0\0\0"):
+            body.skip(_COMMON_HEAD.size)
+            return RequestHead(kind, opaque_id(token), handle, hint, "", diagnostics)
     cursor = Cursor(data)
     head = _decode_head(cursor)
     body.skip(cursor.position)
@@ -178,7 +189,7 @@ async def decode_parameters(
         scan.share = share
         if not part.is_array:
             scan.charge_built(part.step.memory)
-            values[part.name] = _decode(part.kind, part.step.walk, scan, rest)
+            values[part.name] = decode_operation(part.kind, part.step.walk, scan, rest)
             continue
         step = part.element
         assert step is not None
@@ -190,7 +201,7 @@ async def decode_parameters(
         for _ in range(count):
             scan.share = share
             scan.charge_built(step.memory)
-            elements.append(_decode(part.kind, step.walk, scan, rest))
+            elements.append(decode_operation(part.kind, step.walk, scan, rest))
             if turns is not None and turns.over:
                 await turns.end()
         # A null array is an empty one here, so that no service has to tell them apart.
@@ -201,8 +212,20 @@ async def decode_parameters(
         raise Refusal(StatusCodes.BadDecodingError, f"{structure.__name__}: {type(error).__name__}") from error
 
 
-def _decode(kind: Any, walk: Any, scan: Scan, rest: Buffer) -> Any:
+def decode_operation(kind: Any, walk: Any, scan: Scan, rest: Buffer) -> Any:
+    """One value of a request: at once where it is plain; else walked, then built by asyncua.
+
+    The buffer stands where the scan does.
+
+    Raises:
+        Refusal: no valid encoding, or more than the scan's budget.
+    """
     start = rest.cur_pos
+    if kind in PLAIN and (plain := decode_plain(kind, scan.data, start)) is not None:
+        value, scan.position, memory = plain
+        scan.charge_built(memory)
+        rest.skip(scan.position - start)
+        return value
     walk(scan)
     if scan.misplaced:
         # Of this operation alone: a request may have ten thousand.

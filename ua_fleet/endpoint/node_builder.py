@@ -103,6 +103,22 @@ def release_collection() -> None:
 class _Nodes(dict[ua.NodeId, Any]):
     """The nodes of an address space, those included that are made when somebody wants them."""
 
+    removed = 0
+    """How many have been removed: what somebody knows of nodes is good until there is one more."""
+
+    def __setitem__(self, key: ua.NodeId, node: Any) -> None:
+        self.removed += super().__contains__(key)
+        super().__setitem__(key, node)
+
+    def __delitem__(self, key: ua.NodeId) -> None:
+        self.removed += 1
+        super().__delitem__(key)
+
+    def clear(self) -> None:
+        """Remove all."""
+        self.removed += 1
+        super().clear()
+
     def __missing__(self, key: ua.NodeId) -> Any:
         text = key.Identifier
         if isinstance(text, str) and text.startswith(MAX_AGE_PREFIX):

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from asyncua import ua
-from asyncua.ua.ua_binary import variant_to_binary
 
 from ua_fleet.endpoint.answers import Misfit, encode_value
+from ua_fleet.endpoint.binary.builtin import encode_variant
 from ua_fleet.endpoint.stack import DECODE_ERRORS, ObjectIds, StatusCodes, ns0, status
 
 __all__ = ["change_bytes", "changes_of", "event_bytes", "events_of"]
@@ -30,10 +30,10 @@ def event_bytes(notification: ua.EventFieldList, misfit: Misfit, what: str) -> b
     parts = [int(notification.ClientHandle).to_bytes(4, "little"), len(fields).to_bytes(4, "little")]
     for number, field in enumerate(fields):
         try:
-            parts.append(variant_to_binary(field))
+            parts.append(encode_variant(field))
         except DECODE_ERRORS as error:
             misfit(f"{what}, field {number} of an event", error)
-            parts.append(variant_to_binary(ua.Variant(status(StatusCodes.BadEncodingError), ua.VariantType.StatusCode)))
+            parts.append(encode_variant(ua.Variant(status(StatusCodes.BadEncodingError), ua.VariantType.StatusCode)))
     return b"".join(parts)
 
 

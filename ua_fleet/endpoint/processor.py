@@ -39,6 +39,7 @@ from ua_fleet.endpoint.decoding import (
 )
 from ua_fleet.endpoint.own_time import own_time
 from ua_fleet.endpoint.request import ServiceRequest
+from ua_fleet.endpoint.secure_connection import Message
 from ua_fleet.endpoint.services import Services, encoding
 from ua_fleet.endpoint.sessions import Session
 from ua_fleet.endpoint.stack import DECODE_ERRORS, ObjectIds, Refusal, StatusCodes, name_of, status, status_of
@@ -235,7 +236,10 @@ class Processor:
         if stranger and self._charge.is_exhausted(time.monotonic(), self._shown):
             self._refuse_stranger()
         try:
-            with self._charged(stranger):
+            if stranger:
+                with self._charged():
+                    message = self._channel.receive(frame)
+            else:
                 message = self._channel.receive(frame)
         except CertificateRefused as error:
             self._tell_opened(error.ua_status)
@@ -307,21 +311,20 @@ class Processor:
             self._connection.send(data)
         self._channel.output.clear()
 
-    async def _serve(self, message: Any) -> None:
+    async def _serve(self, message: Message) -> None:
         """Serve one request; whatever it is, the client gets an answer."""
         self._context.statistics.requests += 1
         if self.stage is not Stage.AUTHENTICATED:
             self._early_requests += 1
             if self._early_requests > self._context.limits.requests_before_authentication:
                 raise FrameError(StatusCodes.BadTcpNotEnoughResources, "too many requests before authentication")
-        body: Buffer = message.body()
-        request_id = int(message.SequenceHeader().RequestId)
+        body = Buffer(message.body)
         try:
             head = decode_request_head(body)
         except (RemoteWireError, Refusal) as error:
             raise FrameError(StatusCodes.BadDecodingError, f"a request header: {error}") from error
         try:
-            await self._answer(head, body, request_id)
+            await self._answer(head, message.body, body, message.request_id)
         finally:
             turns = self._turns
             try:
@@ -332,11 +335,11 @@ class Processor:
                 if turns is not None:
                     turns.leave()
 
-    async def _answer(self, head: RequestHead, body: Buffer, request_id: int) -> None:
+    async def _answer(self, head: RequestHead, data: bytes, body: Buffer, request_id: int) -> None:
         handle, began = head.handle, time.monotonic()
         name = _NAMES.get(head.kind, f"request {head.kind}")
         try:
-            response = await self._dispatch(head, body, request_id)
+            response = await self._dispatch(head, data, body, request_id)
         except Exception as error:  # noqa: BLE001 - what is no refusal is logged with its traceback
             code = status_of(error)
             if code is None:
@@ -412,7 +415,7 @@ class Processor:
                 _log.error("response cannot be encoded", response=type(response).__name__, reason=str(error)[:200])
             return self._channel.encode(fault, handle)
 
-    async def _dispatch(self, head: RequestHead, body: Buffer, request_id: int) -> Any:
+    async def _dispatch(self, head: RequestHead, data: bytes, body: Buffer, request_id: int) -> Any:
         """The response to a request, or None when it is answered later; raises errors with a StatusCode."""
         services = self._services.session
         server = self._connection.server_address
@@ -454,14 +457,6 @@ class Processor:
         place = self._context.places.of(f"at {self.address}" if user.anonymous else user.name)
         turns = self._turns = Turns(place, refusal)
         await turns.end(len(body))
-        limits = self._context.limits
-        parameters = await decode_parameters(
-            service.parameters,
-            body,
-            most_operations=limits.nodes_per_request,
-            most_memory=limits.request_memory_bytes,
-            turns=turns,
-        )
         request = ServiceRequest(
             session,
             user,
@@ -473,6 +468,18 @@ class Processor:
             turns,
             head.audit_entry,
             bool(head.diagnostics & _OPERATION_ADDITIONAL_INFO),
+        )
+        if service.plan is not None:
+            response = await service.plan(request, data, body.cur_pos)
+            if response is not None:
+                return response
+        limits = self._context.limits
+        parameters = await decode_parameters(
+            service.parameters,
+            body,
+            most_operations=limits.nodes_per_request,
+            most_memory=limits.request_memory_bytes,
+            turns=turns,
         )
         return await service.handle(request, parameters)
 

@@ -8,25 +8,35 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from asyncua import ua
-from asyncua.common.connection import MessageChunk, SecureConnection, TransportLimits
-from asyncua.crypto.security_policies import SecurityPolicyFactory, SecurityPolicyNone
+from asyncua.common.connection import SecureConnection, TransportLimits
+from asyncua.crypto.security_policies import CryptographyNone, SecurityPolicyFactory, SecurityPolicyNone
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import Encoding
 
+from ua_fleet.endpoint.chunks import (
+    HEAD,
+    LAST,
+    MORE,
+    NO_KEYS,
+    SEQUENCE,
+    ChunkKeys,
+    keys_of,
+    most_body,
+    open_chunk,
+    seal_chunk,
+)
 from ua_fleet.endpoint.connection import FrameError
 from ua_fleet.endpoint.stack import StatusCodes
 from ua_fleet.endpoint.trust import MAX_KEY_BITS, MIN_KEY_BITS, CertificateRefused, split_chain
 
-__all__ = ["NONE_URI", "CheckedConnection", "der"]
+__all__ = ["NONE_URI", "CheckedConnection", "Message", "der"]
 
 NONE_URI: Final = SecurityPolicyNone.URI
 _NO_SECURITY: Final[Any] = SecurityPolicyNone
-# asyncua declares it as an enumeration and uses it as the bytes that it is.
-_MESSAGE: Final[Any] = ua.MessageType.SecureMessage
 _MOST_RENEWED: Final = 4
 """Tokens that may wait for their first message; a client has two at most that it could use."""
 
@@ -34,6 +44,13 @@ _MOST_RENEWED: Final = 4
 def der(certificate: x509.Certificate) -> bytes:
     """A certificate as bytes."""
     return certificate.public_bytes(Encoding.DER)
+
+
+class Message(NamedTuple):
+    """A whole message of a client."""
+
+    request_id: int
+    body: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +81,9 @@ class CheckedConnection(SecureConnection):
         self._last_token_id = 0
         self._renewed: OrderedDict[int, _Renewed] = OrderedDict()
         """Tokens that were issued and not used yet, by their ids."""
+        self._opening: tuple[Any, ChunkKeys] = (None, NO_KEYS)
+        self._sealing: tuple[Any, ChunkKeys] = (None, NO_KEYS)
+        """What asyncua verifies or signs by, and the keys that were made of it."""
 
     def open(self, params: Any, server: Any) -> Any:
         """Issue the channel's token, or renew it: each token has an id and nonces of its own."""
@@ -91,10 +111,60 @@ class CheckedConnection(SecureConnection):
             self.local_nonce, self.remote_nonce = used.local_nonce, used.remote_nonce
         super()._check_sym_header(security_hdr)
 
+    def take(self, frame: bytes) -> Message | None:
+        """The message of a frame that is the next one, whole, and under the token in use; None for any other frame.
+
+        What it is instead, and what is wrong with it, is seen to by `receive_from_header_and_body`: here nothing has
+        changed then.
+        """
+        if len(frame) < HEAD.size + SEQUENCE.size:
+            return None
+        kind, _, channel_id, token_id = HEAD.unpack_from(frame)
+        token: Any = self.security_token
+        if (
+            kind != LAST
+            or token_id != token.TokenId
+            or channel_id != token.ChannelId
+            or self._incoming_parts
+            or len(frame) > self._limits.max_recv_buffer
+        ):
+            return None
+        crypto: Any = self.security_policy.symmetric_cryptography
+        plain = open_chunk(frame, self._opening_keys(crypto))
+        if plain is None:
+            return None
+        sequence, request_id = SEQUENCE.unpack_from(plain)
+        body = plain[SEQUENCE.size :]
+        before = self._peer_sequence_number
+        if before is None or sequence != before + 1 or len(body) > self._limits.max_message_size > 0:
+            return None
+        self._peer_sequence_number = sequence
+        return Message(request_id, body)
+
+    def _opening_keys(self, crypto: Any) -> ChunkKeys:
+        if type(crypto) is CryptographyNone:
+            return NO_KEYS
+        if crypto.Prev_Decryptor is not None:
+            crypto.revolved_expired_key()
+        of, keys = self._opening
+        if of is not crypto.Verifier:
+            keys = keys_of(crypto.Verifier, crypto.Decryptor, encrypted=crypto.is_encrypted)
+            self._opening = crypto.Verifier, keys
+        return keys
+
+    def _sealing_keys(self) -> ChunkKeys:
+        crypto: Any = self.security_policy.symmetric_cryptography
+        if type(crypto) is CryptographyNone:
+            return NO_KEYS
+        of, keys = self._sealing
+        if of is not crypto.Signer:
+            keys = keys_of(crypto.Signer, crypto.Encryptor, encrypted=crypto.is_encrypted)
+            self._sealing = crypto.Signer, keys
+        return keys
+
     def most_bytes(self, chunks: int) -> int:
         """Bytes of a response that fits into so many chunks."""
-        crypto = self.security_policy.symmetric_cryptography
-        return chunks * MessageChunk.max_body_size(crypto, self._limits.max_send_buffer)
+        return chunks * most_body(self._sealing_keys(), self._limits.max_send_buffer)
 
     def _receive(self, msg: Any) -> Any:
         if msg.MessageHeader.ChunkType != ua.ChunkType.Abort:
@@ -131,21 +201,22 @@ class CheckedConnection(SecureConnection):
         self.security_policy = matching.create(der(chain[0]))
 
     def chunks(self, data: bytes, request_id: int) -> Iterator[bytes]:
-        """The chunks of a response, each made when it is asked for: encrypting takes most of the time."""
-        made: list[Any] = MessageChunk.message_to_chunks(
-            self.security_policy,
-            data,
-            self._limits.max_send_buffer,
-            message_type=_MESSAGE,
-            channel_id=self.security_token.ChannelId,
-            request_id=request_id,
-            token_id=self.security_token.TokenId,
-        )
-        for chunk in made:
-            self._sequence_number = self._sequence_number % 0xFFFF_FFFF + 1
-            chunk.SequenceHeader.SequenceNumber = self._sequence_number
-            encoded: bytes = chunk.to_binary()
-            yield encoded
+        """The chunks of a response, each made when it is asked for: encrypting a large one takes its time."""
+        most = most_body(self._sealing_keys(), self._limits.max_send_buffer)
+        for at in range(0, len(data), most):
+            yield self._sealed(LAST if at + most >= len(data) else MORE, data[at : at + most], request_id)
+
+    def message(self, data: bytes, request_id: int) -> bytes:
+        """All chunks of a response."""
+        if len(data) <= most_body(self._sealing_keys(), self._limits.max_send_buffer):
+            return self._sealed(LAST, data, request_id)
+        return b"".join(self.chunks(data, request_id))
+
+    def _sealed(self, kind: bytes, part: bytes, request_id: int) -> bytes:
+        token: Any = self.security_token
+        self._sequence_number = self._sequence_number % 0xFFFF_FFFF + 1
+        sequence = SEQUENCE.pack(self._sequence_number, request_id)
+        return seal_chunk(kind, token.ChannelId, token.TokenId, sequence, part, self._sealing_keys())
 
     @property
     def pending(self) -> int:

@@ -12,6 +12,8 @@ from asyncua import ua
 
 from ua_fleet.endpoint.attributes import AttributeServices
 from ua_fleet.endpoint.audit_events import AuditEvents
+from ua_fleet.endpoint.binary.browse import BrowsePlan
+from ua_fleet.endpoint.binary.read import ReadPlan
 from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.history import HistoryServices
 from ua_fleet.endpoint.methods import MethodServices
@@ -34,6 +36,8 @@ class Service:
     """asyncua's class of the request's parameters."""
     handle: Callable[[ServiceRequest, Any], Awaitable[Any]]
     """Serves a request."""
+    plan: Callable[[ServiceRequest, bytes, int], Awaitable[Any]] | None = None
+    """Serves a request from its bytes, which begin their parameters there; None for what is left to `handle`."""
 
 
 def encoding(name: str) -> int:
@@ -52,9 +56,13 @@ class Services:
         attributes = AttributeServices(context, events)
         self.methods = methods = MethodServices(context, events)
         views = ViewServices(context)
+        plans = {
+            "Read": ReadPlan(context, attributes.read_one, attributes.is_readable).serve,
+            "Browse": BrowsePlan(context, views).serve,
+        }
         subs = SubscriptionServices(context, subscriptions)
         self.table: dict[int, Service] = {
-            encoding(name): Service(parameters, handle)
+            encoding(name): Service(parameters, handle, plans.get(name))
             for name, parameters, handle in (
                 ("Read", ua.ReadParameters, attributes.read),
                 ("Write", ua.WriteParameters, attributes.write),

@@ -12,9 +12,9 @@ from typing import Any, Final
 
 from asyncua import ua
 from asyncua.server.address_space import NodeData
-from asyncua.ua.ua_binary import struct_to_binary
 
 from ua_fleet.endpoint.answers import ArrayResponse
+from ua_fleet.endpoint.binary.encoders import encode
 from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.request import ServiceRequest, operations
 from ua_fleet.endpoint.sessions import Session
@@ -30,11 +30,13 @@ from ua_fleet.endpoint.stack import (
 )
 from ua_fleet.endpoint.turns import Turns
 
-__all__ = ["ViewServices"]
+__all__ = ["BrowsePortions", "ViewServices"]
 
 _HAS_SUBTYPE = ns0(ObjectIds.HasSubtype)
 _RESULT_BYTES: Final = 28
 """StatusCode, ContinuationPoint and number of references of a BrowseResult."""
+_NO_POINT: Final = bytes(4) + b"\xff\xff\xff\xff"
+"""StatusCode Good, and no ContinuationPoint."""
 
 
 _ALL_FIELDS: Final = 63
@@ -56,7 +58,7 @@ def _masked(ref: ua.ReferenceDescription, mask: int) -> ua.ReferenceDescription:
     return dataclasses.replace(ref, **unwanted)
 
 
-class _Portions:
+class BrowsePortions:
     """The BrowseResults of one response: what does not fit into it waits at a continuation point."""
 
     def __init__(self, session: Session, response: Any, context: EndpointContext) -> None:
@@ -118,16 +120,31 @@ class _Portions:
         if known is not None:
             return known[1]
         try:
-            data = struct_to_binary(ref if mask & _ALL_FIELDS == _ALL_FIELDS else _masked(ref, mask))
+            data = encode(ref if mask & _ALL_FIELDS == _ALL_FIELDS else _masked(ref, mask))
         except DECODE_ERRORS as error:
             self._misfit(f"a reference to {shown(ref.NodeId)}", error)
             data = b""
         self._known[id(ref), mask] = ref, data
         return data
 
+    def whole(self, references: list[ua.ReferenceDescription], mask: int) -> bytes | None:
+        """A result with all references, as bytes; None where one of them cannot be encoded."""
+        parts = [self._encode(ref, mask) for ref in references]
+        if not all(parts):
+            return None
+        return b"".join((_NO_POINT, len(parts).to_bytes(4, "little"), *parts))
+
+    def add_whole(self, data: bytes) -> bool:
+        """Add what `whole` has made, if there is room for it."""
+        size = len(data) + _RESULT_BYTES - len(_NO_POINT) - 4
+        if size > self.answer.left and len(data) > len(_NO_POINT) + 4:
+            return False
+        (self.answer.add_bytes if size > _RESULT_BYTES else self.answer.add_small)(data)
+        return True
+
     def refuse(self, code: int) -> None:
         """Add a result without references."""
-        self.answer.add_small(struct_to_binary(ua.BrowseResult(StatusCode=status(code))))
+        self.answer.add_small(encode(ua.BrowseResult(StatusCode=status(code))))
 
 
 class ViewServices:
@@ -147,18 +164,19 @@ class ViewServices:
         if params.RequestedMaxReferencesPerNode:
             portion = min(portion, params.RequestedMaxReferencesPerNode)
         types: dict[ua.NodeId, frozenset[ua.NodeId]] = {}
-        portions = _Portions(request.session, ua.BrowseResponse(), self._context)
+        portions = BrowsePortions(request.session, ua.BrowseResponse(), self._context)
         for description in nodes:
             try:
-                portions.add(self._references(description, types), portion, int(description.ResultMask))
+                portions.add(self.references(description, types), portion, int(description.ResultMask))
             except Refusal as error:
                 portions.refuse(error.ua_status)
             await request.turns.end(portions.answer.size)
         return portions.answer
 
-    def _references(
+    def references(
         self, wanted: ua.BrowseDescription, types: dict[ua.NodeId, frozenset[ua.NodeId]]
     ) -> list[ua.ReferenceDescription]:
+        """The references that a client wishes for; `types` are those that have been looked up. Raises Refusal."""
         node = self._aspace.get(wanted.NodeId)
         if node is None:
             raise Refusal(StatusCodes.BadNodeIdUnknown)
@@ -208,7 +226,7 @@ class ViewServices:
 
     async def browse_next(self, request: ServiceRequest, params: ua.BrowseNextParameters) -> Any:
         """BrowseNext."""
-        portions = _Portions(request.session, ua.BrowseNextResponse(), self._context)
+        portions = BrowsePortions(request.session, ua.BrowseNextResponse(), self._context)
         for point in operations(params.ContinuationPoints, self._limits.nodes_per_request):
             rest = request.session.continuations.pop(point or b"", None)
             if rest is None:

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from asyncua.common.utils import Buffer
 
-from ua_fleet.endpoint.data_values import encode_data_value, in_asyncuas_order
+from ua_fleet.endpoint.binary.encoders import encode
+from ua_fleet.endpoint.data_values import in_asyncuas_order
 from ua_fleet.endpoint.decoding import decode_parameters, decode_request_head
 from ua_fleet.endpoint.scan import DEEPEST_NESTING, Scan, step_of
 from ua_fleet.endpoint.stack import Refusal, name_of
@@ -240,7 +241,7 @@ async def test_each_operation_has_its_times_in_order() -> None:
     assert [value.SourcePicoseconds for value in values] == [None, 2, 2, None]
     assert [value.ServerPicoseconds for value in values] == [None, 4, 4, None]
     assert [ua.datetime_to_win_epoch(value.ServerTimestamp) for value in values[1:3]] == [30, 30]
-    assert b"".join(encode_data_value(value)[-20:] for value in values[1:3]) == struct.pack("<qHqH", 10, 2, 30, 4) * 2
+    assert b"".join(encode(value)[-20:] for value in values[1:3]) == struct.pack("<qHqH", 10, 2, 30, 4) * 2
 
 
 def test_what_has_no_picoseconds_is_encoded_as_by_asyncua() -> None:
@@ -251,4 +252,4 @@ def test_what_has_no_picoseconds_is_encoded_as_by_asyncua() -> None:
         ua.DataValue(1.5, SourceTimestamp=time, SourcePicoseconds=2),
         ua.ReadValueId(),
     ):
-        assert encode_data_value(value) == binary.struct_to_binary(value)
+        assert encode(value) == binary.struct_to_binary(value)

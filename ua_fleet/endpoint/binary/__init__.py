@@ -1,0 +1,9 @@
+"""OPC UA Binary by plans: a function for each structure, made once of the fields that asyncua's class has.
+
+builtin.py        bytes of built-in types (OPC 10000-6 5.2.2)
+encoders.py       bytes of any structure
+decoders.py       strict decoding of what requests are made of
+data_values.py    bytes of DataValues, kept beside the value until it changes
+read.py           Read: from the request's bytes to the response's
+browse.py         references of nodes, encoded once
+"""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import signal
 import sys
 import threading
 from collections.abc import Generator, Iterator
@@ -27,6 +28,10 @@ else:
 
 command_tree.keep()
 known_keys.keep()
+
+# A shell has what it starts in the background ignore SIGINT, and so would all programs that tests end by it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 CHILDREN: Final = "Child processes of "
 """A report's section."""

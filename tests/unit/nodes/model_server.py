@@ -12,6 +12,7 @@ from typing import Any
 
 from asyncua.server.server import Server
 
+from tests.standard_space import quick_start
 from tests.unit.fleet.fleet_of import ROBOTS, fleet_config
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.nodes.address_space import FleetNodes
@@ -27,9 +28,10 @@ _made: list[Any] = []
 async def _server() -> Any:
     """One server with the types for all tests of a run: making it takes longer than most of them."""
     if not _made:
-        server: Any = Server()
-        await server.init()
-        await load_types(server, "urn:ua-fleet:fleet", 2)
+        with quick_start():
+            server: Any = Server()
+            await server.init()
+            await load_types(server, "urn:ua-fleet:fleet", 2)
         _made.append(server)
     return _made[0]
 
@@ -55,7 +57,8 @@ async def fleet_built(robots: Mapping[str, Any] = ROBOTS) -> AsyncGenerator[tupl
     """A server with the nodes of a fleet."""
     async with types_loaded() as server:
         nodes = FleetNodes(server.iserver.aspace, fleet_model(fleet_config(robots)))
-        nodes.build()
+        with quick_start():  # the collection before the nodes would take 0.7 s, since a process of tests holds much
+            nodes.build()
         yield server, nodes
 
 

@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from asyncua.server.server import Server
 
+from tests.standard_space import quick_start
 from ua_fleet.errors import ServerStartError
 from ua_fleet.fleet import RobotState
 from ua_fleet.nodes.nodeset import TYPES_INDEX, TypeId, load_types, nodeset_file
@@ -109,8 +110,9 @@ async def test_it_loads_strictly_at_its_index() -> None:
 
 @pytest.mark.parametrize("uri", ["http://opcfoundation.org/UA/", "urn:freeopcua:python:server", TYPES_URI])
 async def test_another_index_than_the_topics_carry_is_refused(uri: str) -> None:
-    server: Any = Server()
-    await server.init()
+    with quick_start():
+        server: Any = Server()
+        await server.init()
     try:
         with pytest.raises(ServerStartError, match=r"would have the index \d, not \d; give it another name"):
             await load_types(server, uri, 2)

@@ -32,6 +32,9 @@ known_keys.keep()
 # A shell has what it starts in the background ignore SIGINT, and so would all programs that tests end by it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+# nohup does the same to SIGHUP, which a terminal sends that is closed.
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 CHILDREN: Final = "Child processes of "
 """A report's section."""

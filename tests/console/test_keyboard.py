@@ -250,3 +250,21 @@ def test_a_robot_is_found_written_told_and_held(open_page: Open) -> None:
     tabbed_to(page, page.get_by_role("main").get_by_role("link", name="Fleet"), back=True)
     page.keyboard.press("Enter")
     expect(page.get_by_role("article", name="left")).to_be_visible()
+
+
+def test_a_button_that_goes_while_its_dialog_is_open(open_page: Open) -> None:
+    page = open_page("operator", "#/hall/alarms")
+    ask(page, "fault.raise", robot="left", reason="the gripper does not close")
+    left = page.get_by_role("article").filter(has_text="left")
+    left.get_by_role("button", name="Acknowledge…").click()
+    expect(page.get_by_role("dialog")).to_be_visible()
+    other = open_page("engineer", "#/hall/alarms")
+    other.get_by_role("article").filter(has_text="left").get_by_role("button", name="Acknowledge…").click()
+    other.get_by_role("dialog").get_by_label("Comment").fill("somebody else looks at it")
+    other.keyboard.press("Enter")
+    expect(left).to_contain_text("somebody else looks at it")
+    page.keyboard.press("Escape")
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    page.keyboard.press("Tab")
+    expect(left.get_by_role("button", name="Comment…")).to_be_focused()
+    ask(page, "fault.clear", fault="left")

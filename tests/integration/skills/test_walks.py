@@ -40,5 +40,8 @@ async def test_an_argument_passes_few_functions_and_waits_nowhere(hall: Hall) ->
     finally:
         bridge.cancel()
         await asyncio.wait([bridge])
-    assert {place: way[0] for place, way in walk.ways.items()} == PLACES
-    assert len(walk.functions) <= MOST, "\n".join(walk.functions)
+    # Before that, a request is bytes that nobody has looked into.
+    ways = {place: way[way.index(PLACES[place]) :] for place, way in walk.ways.items()}
+    assert ways.keys() == PLACES.keys()
+    passed = list(dict.fromkeys(name for way in ways.values() for name in way))
+    assert len(passed) <= MOST, "\n".join(passed)

@@ -32,8 +32,8 @@ _STEP: Final = step_of(ua.BrowseDescription)
 _VIEW_MEMORY: Final = step_of(ua.ViewDescription).memory
 _MOST_REFERENCES: Final = 1_000
 """Of a result that is kept."""
-_MOST_BYTES: Final = 16 * 1024 * 1024
-"""Of all results that are kept."""
+_MOST_BYTES: Final = 4 * 1024 * 1024
+"""Of all results that are kept; the references beside them take about ten times as much."""
 _MOST_RESULTS: Final = 32_768
 
 

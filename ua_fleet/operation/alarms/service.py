@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from heapq import heappop, heappush
+from math import inf
 from typing import Final
 
 from ua_fleet.errors import StorageUnavailable
@@ -74,6 +75,10 @@ class AlarmService:
         self._unwritten: dict[str, Condition] = {}
         self._retry_at: float | None = None
         self._due: list[tuple[float, str]] = []
+        self._waiting: set[tuple[float, str]] = set()
+        """What is in `_due`: a value that comes a thousand times while an alarm is shelved adds nothing."""
+        self._nearest: dict[str, float] = {}
+        """When each alarm is next looked at."""
         self._away = ""
         self.added: Callable[[Condition], None] = lambda _condition: None
         """Told of alarms that come later, before they are anything."""
@@ -155,10 +160,14 @@ class AlarmService:
         self._sooner()
 
     def _expect(self, condition: Condition) -> None:
-        due = condition.next_deadline()
-        if due is not None:
-            heappush(self._due, (due, condition.definition.id))
-            self._sooner()
+        due, alarm_id = condition.next_deadline(), condition.definition.id
+        if due is None or due >= self._nearest.get(alarm_id, inf):
+            return
+        self._nearest[alarm_id] = due
+        if (due, alarm_id) not in self._waiting:
+            self._waiting.add((due, alarm_id))
+            heappush(self._due, (due, alarm_id))
+        self._sooner()
 
     def certificates(self, found: Iterable[AlarmDefinition]) -> None:
         """All certificates there are, as alarms: active where there is something to say. One that is gone is none."""
@@ -183,7 +192,9 @@ class AlarmService:
         del now
         wall = self._wall_s()
         while self._due and self._due[0][0] <= wall:
-            _, alarm_id = heappop(self._due)
+            due, alarm_id = heappop(self._due)
+            self._waiting.discard((due, alarm_id))
+            self._nearest.pop(alarm_id, None)
             condition = self.conditions.get(alarm_id)
             if condition is not None and condition.poll(wall):
                 self._dirty[alarm_id] = condition

@@ -12,7 +12,7 @@ import structlog
 
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
-from ua_fleet.operation.alarms.condition import ConditionState
+from ua_fleet.operation.alarms.condition import ConditionState, Shelving
 from ua_fleet.operation.alarms.definitions import AlarmDefinition, AlarmKind
 from ua_fleet.operation.alarms.levels import Levels
 from ua_fleet.operation.alarms.service import AlarmService
@@ -127,3 +127,22 @@ def test_a_value_within_its_band_is_not_looked_at(tmp_path: Path) -> None:
         plant.say(1, 10)
         assert one.value == 10
         assert plant.service.next_deadline(0.0) is None
+
+
+def test_values_that_come_while_an_alarm_is_shelved_leave_nothing_behind(tmp_path: Path) -> None:
+    with ServerRecords(tmp_path / "server.db") as records:
+        plant = Plant(records)
+        service = plant.service
+        plant.say(0, 95.0)
+        service.poll(0.0)
+        shelved = service.known(next(iter(service.conditions)))
+        service.do(shelved, lambda now: shelved.shelve_for(3600.0, now))
+        sooner = service.next_deadline(0.0)
+        for number in range(10_000):
+            plant.say(0, 95.0 if number % 2 else -95.0)
+            service.poll(0.0)
+        assert len(service._due) <= 2  # pyright: ignore[reportPrivateUsage]
+        assert service.next_deadline(0.0) == sooner
+        plant.now += 3601.0
+        service.poll(0.0)
+        assert shelved.state.shelving is Shelving.UNSHELVED

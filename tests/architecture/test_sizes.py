@@ -123,9 +123,6 @@ LONG_FILES: Final[dict[str, tuple[str, ...]]] = {
         "tests/teleoperation/stack.py",
         "tests/unit/skill/world.py",
     ),
-    "the runs of a server and what is asked of them; each kind of asking is to become a file": (
-        "ua_fleet/operation/runs/service.py",
-    ),
     "the shell of a bridge, which also makes all of its parts; making them is to become a file": (
         "ua_fleet/bridge/runner.py",
     ),

@@ -38,6 +38,7 @@ from ua_fleet.nodes.scenario_nodes import FAULTS, RESILIENCE, SCENARIOS, Scenari
 from ua_fleet.nodes.scenario_view import ScenarioView
 from ua_fleet.operation.runs.carried import CarriedRuns
 from ua_fleet.operation.runs.library import MOST_BYTES, ScenarioUnknown, version_of
+from ua_fleet.operation.runs.run_commands import RunCommands
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.orchestrator import FaultForecast
 from ua_fleet.resilience import DecisionMode, OnLimit, Ranking
@@ -224,7 +225,7 @@ class ScenarioMethods:
     # Scenarios.
 
     async def _list(self) -> Sequence[Any]:
-        listed = await self._aside(self._service.listed)
+        listed = await self._aside(self._service.runs.listed)
         return (
             [one.name for one in listed],
             [one.description for one in listed],
@@ -253,12 +254,12 @@ class ScenarioMethods:
         return not problems, [str(problem) for problem in problems], [problem.line for problem in problems]
 
     async def _run(self, scenario: str, names: list[str], values: list[str]) -> Sequence[Any]:
-        valid = await self._aside(self._service.valid, _short(scenario, MOST_BYTES))
-        return (self._service.start(valid, names, values, caller().name),)
+        valid = await self._aside(self._service.runs.valid, _short(scenario, MOST_BYTES))
+        return (self._service.runs.start(valid, names, values, caller().name),)
 
-    def _of(self, run_id: str) -> CarriedRuns | ScenarioService:
+    def _of(self, run_id: str) -> CarriedRuns | RunCommands:
         """Who has a run."""
-        return self._carried if self._carried.has(run_id) else self._service
+        return self._carried if self._carried.has(run_id) else self._service.runs
 
     async def _pause(self, run_id: str) -> Sequence[Any]:
         self._of(run_id).pause(run_id, caller().name)
@@ -277,14 +278,14 @@ class ScenarioMethods:
         if self._carried.has(run_id):
             await said_by_bridges(partial(self._carried.answer, run_id, step, answer, by))
         else:
-            self._service.answer(run_id, step, answer, by)
+            self._service.runs.answer(run_id, step, answer, by)
         return ()
 
     async def _dry_run(
         self, scenario: str, names: list[str], values: list[str], given_names: list[str], given: list[str]
     ) -> Sequence[Any]:
         text = _short(scenario, MOST_BYTES)
-        run = await self._aside(self._service.rehearse, text, names, values, given_names, given)
+        run = await self._aside(self._service.runs.rehearse, text, names, values, given_names, given)
         return (
             "" if run.outcome is None else run.outcome.value,
             run.reason,
@@ -294,7 +295,7 @@ class ScenarioMethods:
         )
 
     async def _tell_event(self, name: str) -> Sequence[Any]:
-        self._service.tell_event(name)
+        self._service.runs.tell_event(name)
         return ()
 
     # Resilience.
@@ -308,14 +309,14 @@ class ScenarioMethods:
         by = caller().name
         if known is not None and self._carried.has(known.run_id):
             return (await said_by_bridges(partial(self._carried.confirm, known.run_id, decision_id, robot, by)),)
-        return (self._service.confirm(decision_id, robot, by).value,)
+        return (self._service.decisions.confirm(decision_id, robot, by).value,)
 
     async def _what_if(self, robot: str) -> Sequence[Any] | Noted:
         forecasts: list[FaultForecast] = []
         async with self._background.of(_whom()):
             turn = time.monotonic()
             until = turn + MOST_FORECAST_S
-            ahead, found = self._service.what_if(robot)
+            ahead, found = self._service.decisions.what_if(robot)
             # Each of them ranks all robots: others have their turn between two.
             for forecast in islice(found, MOST_FORECASTS):
                 forecasts.append(forecast)
@@ -337,7 +338,7 @@ class ScenarioMethods:
     async def _set_judgements(self, pairs: list[str], values: list[float]) -> Sequence[Any]:
         judgements = _judgements(pairs, values)
         settings = replace(self._service.settings, judgements=judgements)
-        self._service.set_settings(settings, caller().name)
+        self._service.decisions.set_settings(settings, caller().name)
         self._view.show_settings(settings)
         _log.info("judgements set", by=caller().name)
         weights = settings.weights()
@@ -346,13 +347,15 @@ class ScenarioMethods:
     async def _preview(self, decision_id: str, pairs: list[str], values: list[float]) -> Sequence[Any]:
         async with self._background.of(_whom()):  # it ranks all robots, in the event loop: one for each user at a time
             with _as_outputs():
-                return _ranking_outputs(self._service.preview(decision_id, _judgements(pairs, values) or None))
+                return _ranking_outputs(
+                    self._service.decisions.preview(decision_id, _judgements(pairs, values) or None)
+                )
 
     async def _judge_decision(self, decision_id: str, pairs: list[str], values: list[float]) -> Sequence[Any]:
         async with self._background.of(_whom()):
             with _as_outputs():
                 judgements = _judgements(pairs, values)
-                ranking = self._service.judge(decision_id, judgements or None, caller().name)
+                ranking = self._service.decisions.judge(decision_id, judgements or None, caller().name)
         _log.info("judgements of a decision set", decision_id=decision_id, by=caller().name, is_reset=not judgements)
         return _ranking_outputs(ranking)
 
@@ -368,7 +371,7 @@ class ScenarioMethods:
             limit_s=limit_s or settings.limit_s,
             on_limit=OnLimit(on_limit) if on_limit else settings.on_limit,
         )
-        self._service.set_settings(settings, caller().name)
+        self._service.decisions.set_settings(settings, caller().name)
         self._view.show_settings(settings)
         _log.info("mode set", mode=mode, by=caller().name)
         return ()
@@ -377,12 +380,12 @@ class ScenarioMethods:
 
     async def _raise_fault(self, robot: str, reason: str) -> Sequence[Any]:
         self._check_robot(robot)
-        self._service.raise_fault(robot, reason)
+        self._service.fault_reports.raise_fault(robot, reason)
         return ()
 
     async def _clear_fault(self, robot: str) -> Sequence[Any]:
         self._check_robot(robot.partition(".")[0])
-        self._service.clear_fault(robot)
+        self._service.fault_reports.clear_fault(robot)
         return ()
 
     def _check_robot(self, robot: str) -> None:

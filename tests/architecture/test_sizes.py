@@ -123,9 +123,6 @@ LONG_FILES: Final[dict[str, tuple[str, ...]]] = {
         "tests/teleoperation/stack.py",
         "tests/unit/skill/world.py",
     ),
-    "the shell of a bridge, which also makes all of its parts; making them is to become a file": (
-        "ua_fleet/bridge/runner.py",
-    ),
 }
 
 WIRING: Final = "makes parts that need each other, in one order: a straight list without branches"
@@ -136,7 +133,6 @@ SUBJECT: Final = "the program that a benchmark measures, which stands alone"
 
 LONG_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
     WIRING: (
-        "ua_fleet/bridge/runner.py:__init__",
         "ua_fleet/carrier/engine.py:__init__",
         "ua_fleet/config/transports.py:open_transport",
         "ua_fleet/endpoint/hardened_server.py:create_server",

@@ -19,7 +19,7 @@ SECONDS: Final = 0.8346214
 MOST: Final = 18
 PLACES: Final = {
     "UdpTransport.send": "MethodServices.call",  # a client's Call request has it
-    "Actions._execute": "_Shell.receive",  # it comes from the network, and goes to the driver
+    "Actions._execute": "BridgeShell.receive",  # it comes from the network, and goes to the driver
 }
 """Where an argument leaves a process or comes to the driver, and the function that takes it from the place before."""
 

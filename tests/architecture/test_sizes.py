@@ -78,7 +78,6 @@ LONG_FILES: Final[dict[str, tuple[str, ...]]] = {
         "ua_fleet/client/status.py",
         "ua_fleet/cli/cert.py",
         "ua_fleet/endpoint/node_builder.py",
-        "ua_fleet/nodes/scenario_methods.py",
     ),
     MODELS: (
         "bridges/ua_bridges/ur/config.py",
@@ -157,7 +156,6 @@ LONG_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
         "ua_fleet/cli/status_text.py:status_lines",
         "ua_fleet/endpoint/certificates.py:create_certificate",
         "ua_fleet/endpoint/processor.py:_dispatch",
-        "ua_fleet/nodes/scenario_methods.py:build",
     ),
     STORY: (
         "tests/console/test_away.py:test_scenarios_and_runs",

@@ -1,7 +1,5 @@
 """The Methods of Resilience and Faults: who takes tasks over, and what robots cannot do."""
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 import asyncio

@@ -1,7 +1,5 @@
 """The Methods of Scenarios; see `ua_fleet.nodes.method_factory` for what Methods have in common."""
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 import asyncio

@@ -4,6 +4,10 @@ A value passes from place to place: a queue, a socket, the answer to a client. A
 where it gets the value as an argument (as itself, in a record, or in the bytes of a datagram) and the value comes to
 the next place before it returns: so what hands the value on counts, and neither what only looks at it nor what puts it
 into another form for one that hands it on. A function counts once, however often it is called.
+
+What puts it into another form is counted by itself, where it is named: each time that one of these functions gets the
+value, or returns it, within a function that takes it from a place, before the last place is done with it. What only
+hears the message too, as its sender does, is not on the way.
 """
 
 from __future__ import annotations
@@ -11,6 +15,7 @@ from __future__ import annotations
 import struct
 import sys
 import threading
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from inspect import CO_VARARGS
@@ -30,13 +35,19 @@ _Stack = list[tuple[CodeType, bool]]
 class Walk:
     """While it lasts, notes how a number comes from place to place."""
 
-    def __init__(self, value: float, places: Iterable[str]) -> None:
-        """Follow a number; `places` are the functions, by their qualified names, that put it where it waits or leaves.
+    def __init__(
+        self, value: float, places: Iterable[str], counted: Iterable[str] = (), within: Iterable[str] = ()
+    ) -> None:
+        """Follow a number; `places` are the functions, by their qualified names, that put it where it waits or leaves,
+        and `counted` those whose calls with it, or that give it, are counted `within` one of these.
 
         It has to be one that comes nowhere else.
         """
         self._value, self._bytes = value, struct.pack("<d", value)
-        self._places = frozenset(places)
+        self._places, self._counted, self._within = frozenset(places), frozenset(counted), frozenset(within)
+        self.calls = Counter[str]()
+        """How often functions that are counted have got it, or returned it."""
+        self._is_over = False
         self._stacks: dict[int, _Stack] = {}
         self.ways: dict[str, list[str]] = {}
         """The functions by which it came to each place, the first of which took it from the place before."""
@@ -55,7 +66,7 @@ class Walk:
         sys.setprofile(None)
         threading.setprofile(None)
 
-    def _happened(self, frame: FrameType, event: str, _result: Any) -> None:
+    def _happened(self, frame: FrameType, event: str, result: Any) -> None:
         code = frame.f_code
         if not code.co_filename.startswith(_OURS):
             return
@@ -66,10 +77,20 @@ class Walk:
             given = [frame.f_locals[name] for name in names if name != "self" and name in frame.f_locals]
             stack.append((code, any(self._has(each, _DEPTH) for each in given)))
             name = code.co_qualname
+            if stack[-1][1] and name in self._counted:
+                self._count(name, stack)
             if stack[-1][1] and name in self._places and name not in self.ways:
                 self.ways[name] = [passed.co_qualname for passed, has_it in stack if has_it]
         elif event == "return" and stack and stack[-1][0] is code:  # else it was called before this began
-            stack.pop()
+            _, had_it = stack.pop()
+            name = code.co_qualname
+            if not had_it and name in self._counted and self._has(result, _DEPTH):
+                self._count(name, stack)
+            self._is_over |= self.ways.keys() == self._places and name == list(self.ways)[-1]
+
+    def _count(self, name: str, stack: _Stack) -> None:
+        if not self._is_over and any(code.co_qualname in self._within for code, _ in stack):
+            self.calls[name] += 1
 
     def _has(self, found: Any, depth: int) -> bool:
         if isinstance(found, float):

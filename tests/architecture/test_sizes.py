@@ -78,7 +78,6 @@ LONG_FILES: Final[dict[str, tuple[str, ...]]] = {
         "ua_fleet/client/status.py",
         "ua_fleet/cli/cert.py",
         "ua_fleet/endpoint/node_builder.py",
-        "ua_fleet/nodes/scenario_methods.py",
     ),
     MODELS: (
         "bridges/ua_bridges/ur/config.py",
@@ -123,12 +122,6 @@ LONG_FILES: Final[dict[str, tuple[str, ...]]] = {
         "tests/teleoperation/stack.py",
         "tests/unit/skill/world.py",
     ),
-    "the runs of a server and what is asked of them; each kind of asking is to become a file": (
-        "ua_fleet/operation/runs/service.py",
-    ),
-    "the shell of a bridge, which also makes all of its parts; making them is to become a file": (
-        "ua_fleet/bridge/runner.py",
-    ),
 }
 
 WIRING: Final = "makes parts that need each other, in one order: a straight list without branches"
@@ -139,7 +132,6 @@ SUBJECT: Final = "the program that a benchmark measures, which stands alone"
 
 LONG_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
     WIRING: (
-        "ua_fleet/bridge/runner.py:__init__",
         "ua_fleet/carrier/engine.py:__init__",
         "ua_fleet/config/transports.py:open_transport",
         "ua_fleet/endpoint/hardened_server.py:create_server",
@@ -164,7 +156,6 @@ LONG_FUNCTIONS: Final[dict[str, tuple[str, ...]]] = {
         "ua_fleet/cli/status_text.py:status_lines",
         "ua_fleet/endpoint/certificates.py:create_certificate",
         "ua_fleet/endpoint/processor.py:_dispatch",
-        "ua_fleet/nodes/scenario_methods.py:build",
     ),
     STORY: (
         "tests/console/test_away.py:test_scenarios_and_runs",

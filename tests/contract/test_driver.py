@@ -239,6 +239,8 @@ async def test_a_new_driver_works_where_another_has_stopped(space: Space) -> Non
     for _ in range(2):
         async with started(space.make_driver()) as recorder:
             await talk(space, recorder, topic, NUMBER, 1.0)
+            assert recorder.samples(topic)[-1].values == (1.0,)
+            assert recorder.lost(topic) == 0
 
 
 async def test_source_that_misbehaves_is_put_aside_alone_and_tried_again(space: Space) -> None:

@@ -235,3 +235,5 @@ async def test_a_new_driver_works_where_another_has_stopped(mapped_space: Mapped
     for number in (1.0, 2.0):
         async with started(mapped_space.make_driver()) as recorder:
             await show(mapped_space, recorder, topic, number)
+            assert [sample.values for sample in recorder.samples(topic)][-1] == (number,)
+            assert recorder.lost(topic) == 0

@@ -209,3 +209,4 @@ async def test_driver_that_comes_later_finds_that_the_robot_stands(skilled_space
     async with started(skilled_space) as other:
         other.driver.query(execution)
         await other.says(execution, ExecutionSuspended(execution.execution_id))
+        assert not [fact for fact in other.facts(execution) if isinstance(fact, ExecutionEnded | ExecutionForgotten)]

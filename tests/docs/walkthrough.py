@@ -162,9 +162,11 @@ class Walk:
         self._instead = instead
         self._browser = browser or {}
         self._terminals: dict[str, system.Child] = {}
+        self._shown = ""
+        """By the last command that has ended."""
 
-    def walk(self, page: Path) -> None:
-        """Do all that the page says."""
+    def walk(self, page: Path) -> str:
+        """Do all that the page says, and fail where something else happens; what its last command has shown."""
         todo = list(steps(page))
         text = "".join(step.text for step in todo)
         for done in self._browser:
@@ -183,6 +185,7 @@ class Walk:
             ):
                 shown = todo.pop(0).text
             self._do(step, self._here(step.text), self._here(shown))
+        return self._shown
 
     def _here(self, text: str) -> str:
         for known, own in self._instead.items():
@@ -265,6 +268,7 @@ class Walk:
 
     def _run(self, step: Step, text: str, shown: str, code: int) -> None:
         ended, output = self._output_of(text)
+        self._shown = output
         missing = missing_line(shown, output)
         told = f"{step.place}: {text}{output}"
         assert ended == code, f"{told}exit code {ended}, and not {code}{self._said()}"
@@ -275,6 +279,7 @@ class Walk:
         while True:
             ended, output = self._output_of(text)
             if ended == 0 and missing_line(shown, output) is None:
+                self._shown = output
                 return
             assert time.monotonic() < deadline, f"{step.place}: {text}{output}does not show:\n{shown}{self._said()}"
             time.sleep(0.2)

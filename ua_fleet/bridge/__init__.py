@@ -7,6 +7,11 @@ A bridge package `ua_bridges.<kind>` has `config.py` (its model of `fleet.yaml`,
 
 which is derived from `Driver`. The rest is here: `run_bridge` runs any driver, `load_driver` finds it. Nothing heavy is
 imported.
+
+assembly.py   the parts of a bridge, made and joined
+shell.py      what the event loop calls
+core.py       decides, without I/O
+runner.py     what is opened and closed around them
 """
 
 from ua_fleet.bridge.core import NODE_ONLY, BridgeCore, Rule

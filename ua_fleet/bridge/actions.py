@@ -66,6 +66,7 @@ from ua_fleet.transport.party import Answers
 from ua_fleet.values import BuiltinType, Quality, StatusCode, quality_of
 from ua_fleet.wire.actions import ActionMessage, encode_action
 from ua_fleet.wire.discovered import ActionTarget
+from ua_fleet.wire.packed_fields import unpack_fields
 
 __all__ = ["OWN", "Actions", "SendTo"]
 
@@ -319,7 +320,7 @@ class Actions:
             if isinstance(effect, Respond):
                 self._respond(effect)
             elif isinstance(effect, Execute):
-                self._execute(effect.execution, now)
+                self._execute(effect, now)
             elif isinstance(effect, Query):
                 self._query(effect.execution, now)
             else:
@@ -351,8 +352,8 @@ class Actions:
         else:
             self._send_to(datagram, to)
 
-    def _execute(self, execution: skill_journal.RecordedExecution, now: float) -> None:
-        execution_id = execution.execution_id
+    def _execute(self, effect: Execute, now: float) -> None:
+        execution, execution_id = effect.execution, effect.execution.execution_id
         if execution.target.action_target_id & CONTROL_BITS:
             self._control(execution, now)
             return
@@ -364,7 +365,7 @@ class Actions:
                 raise RobotBusy(f"{named[0]} does no skill now: {problem}")
             if named is not None and (run := self.reserved_for(named[0], execution.space)):
                 raise RobotBusy(f"{named[0]} is reserved for the run {run}, which bridges carry")
-            self._driver.execute(_of_driver(execution))
+            self._driver.execute(_of_driver(execution, effect.arguments()))
         except SkillError as error:
             status, said = error.ua_status, str(error)
             step = partial(self._responder.refused, execution_id, status, said)
@@ -516,12 +517,12 @@ def _topic_of(target: Target) -> Topic:
     return Topic(target.publisher_id, target.writer_group_id, target.data_set_writer_id)
 
 
-def _of_driver(execution: skill_journal.RecordedExecution) -> Execution:
-    """An execution as the driver is told of it."""
+def _of_driver(execution: skill_journal.RecordedExecution, arguments: tuple[Any, ...] | None = None) -> Execution:
+    """An execution as the driver is told of it; without its arguments they are read from its content."""
     return Execution(
         execution.execution_id,
         _topic_of(execution.target),
         execution.target.action_target_id,
-        tuple([value.value for value in unpack(execution.content)]),
+        tuple(unpack_fields(execution.content)) if arguments is None else arguments,
         execution.timeout_ms / 1000,
     )

@@ -13,8 +13,8 @@ from ua_fleet.errors import UaFleetError
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.pubsub.metadata import fields_version, type_codes
 from ua_fleet.pubsub.publisher import Publisher
-from ua_fleet.skill.executions import ExecutionReport, ExecutionState, Target, unpack
-from ua_fleet.skill.journal import MemoryJournal, RecordedExecution
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, Target
+from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.skill.offers import Offer
 from ua_fleet.skill.responder import ActionResponder, Execute, Respond, ResponderEffect, ResponderLimits
 from ua_fleet.topics import SERVER_SPACE, Topic
@@ -140,18 +140,17 @@ class ImmediateActions:
     def _carry_out(self, effects: Iterable[ResponderEffect], now: float) -> None:
         for effect in effects:
             if isinstance(effect, Execute):
-                self._carry_out(self._answered(effect.execution, now), now)
+                self._carry_out(self._answered(effect, now), now)
             elif isinstance(effect, Respond):
                 to: Any = effect.to
                 self._send_to(encode_action(effect.message), to)
 
-    def _answered(self, execution: RecordedExecution, now: float) -> list[ResponderEffect]:
+    def _answered(self, effect: Execute, now: float) -> list[ResponderEffect]:
         """Do what was asked for; what there is to say of it."""
-        responder, execution_id = self._responder, execution.execution_id
-        values = [variant.value for variant in unpack(execution.content)]
+        execution, responder, execution_id = effect.execution, self._responder, effect.execution.execution_id
         self.asked_by = execution.space
         try:
-            result = self._do(execution.target.data_set_writer_id, values, now)
+            result = self._do(execution.target.data_set_writer_id, list(effect.arguments()), now)
         except UaFleetError as error:
             self._counters.drop(Drop.REFUSED)
             return responder.refused(execution_id, error.ua_status, str(error), now)

@@ -241,7 +241,7 @@ class SegmentEngine:
         """A person says that a bridge is off: its robots have a fault until something is heard of them."""
         self._off.add(space)
         for robot in self._robots_of(space):
-            self._service.raise_fault(robot, f"its bridge is off, as {by} has said")
+            self._service.fault_reports.raise_fault(robot, f"its bridge is off, as {by} has said")
 
     def _robots_of(self, space: int) -> list[str]:
         robots = self._service.robots.values()
@@ -250,7 +250,7 @@ class SegmentEngine:
     def stop_segment(self, run_id: str, reason: str) -> None:
         """End a segment; what its robots are at is halted."""
         if self._service.has(run_id):
-            self._service.abort(run_id, reason, "the end of the run")
+            self._service.runs.abort(run_id, reason, "the end of the run")
         elif (record := self._segments.get(run_id)) is None:  # the process was killed before it had begun
             self._ground.loop.call_soon(self._ended, SegmentEnd(run_id, reason, {}, "", reason))
         elif record.state.outcome is not None:
@@ -259,15 +259,15 @@ class SegmentEngine:
     def pause_segment(self, run_id: str, by: str, *, is_paused: bool) -> None:
         """Begin no further task of a segment, or go on with it."""
         if self._service.has(run_id):
-            (self._service.pause if is_paused else self._service.resume)(run_id, by)
+            (self._service.runs.pause if is_paused else self._service.runs.resume)(run_id, by)
 
     def confirm(self, decision_id: str, robot: str, by: str) -> Confirmation:
         """A person chooses who takes a task over; raises ScenarioError."""
-        return self._service.confirm(decision_id, robot, by)
+        return self._service.decisions.confirm(decision_id, robot, by)
 
     def answer(self, run_id: str, step: str, answer: str, by: str) -> None:
         """A person says what became of a task of a segment; raises ScenarioError."""
-        self._service.answer(run_id, step, answer, by)
+        self._service.runs.answer(run_id, step, answer, by)
 
     def has_step(self, run_id: str, step: str) -> bool:
         """Whether a segment that is under way has a step of that key, or a task of that name."""
@@ -331,7 +331,7 @@ class SegmentEngine:
             if event.topic.space in self._off:
                 self._off.discard(event.topic.space)
                 for robot in self._robots_of(event.topic.space):
-                    self._service.clear_fault(robot)
+                    self._service.fault_reports.clear_fault(robot)
             self._service.heard(event)
         elif isinstance(event, SourceReturned):
             self._service.source_returned(event.topic)

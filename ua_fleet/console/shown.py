@@ -1,4 +1,3 @@
-# pyright: reportUnknownVariableType=false
 """Values as JSON for the page; docs/console.md describes the form, `web/src/lib/value.ts` reads it.
 
 What JSON cannot hold is an object with one key of ours: `{"int": "9223372036854775807"}` for whole numbers that a
@@ -11,7 +10,7 @@ import base64
 import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from ua_fleet.client import Reading
 from ua_fleet.printing import harmless
@@ -73,10 +72,10 @@ def shown_value(value: Any, depth: int = 0) -> Any:
     if depth >= _DEPTH:
         return {"deep": type(value).__name__}
     if isinstance(value, Mapping):
-        fields: Mapping[Any, Any] = value
+        fields = cast("Mapping[Any, Any]", value)
         return {_sound(str(name)): shown_value(part, depth + 1) for name, part in fields.items()}
     if isinstance(value, Sequence):
-        elements: Sequence[Any] = value
+        elements = cast("Sequence[Any]", value)
         shown = [shown_value(element, depth + 1) for element in elements[:_ELEMENTS]]
         return shown if len(elements) <= _ELEMENTS else {"array": len(elements), "first": shown}
     return _text(str(value))
@@ -100,9 +99,9 @@ def harmless_value(value: Any) -> Any:
     if isinstance(value, str):
         return harmless(value)
     if isinstance(value, Mapping):
-        fields: Mapping[str, Any] = value
+        fields = cast("Mapping[str, Any]", value)
         return {harmless(str(name)): harmless_value(part) for name, part in fields.items()}
     if isinstance(value, list | tuple):
-        elements: Sequence[Any] = value
+        elements = cast("Sequence[Any]", value)
         return [harmless_value(element) for element in elements]
     return value

@@ -1,7 +1,5 @@
 """The listening socket: how many connections there may be, and what becomes of those that do not get on."""
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 import asyncio

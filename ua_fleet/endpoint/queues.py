@@ -6,11 +6,10 @@ user with the most. An item that has nothing left tells what its node is when it
 old value for the last one.
 """
 
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
-from typing import Any, Final, Protocol
+from collections.abc import Sequence
+from typing import Any, Final, Protocol, cast
 from weakref import WeakValueDictionary
 
 __all__ = ["Account", "Queues", "content_bytes"]
@@ -26,9 +25,10 @@ def content_bytes(content: Any) -> int:
     if isinstance(content, str | bytes):
         return len(content)
     if isinstance(content, list | tuple):
-        if content and isinstance(content[0], int | float):
-            return _ELEMENT_BYTES * len(content)
-        return sum([_OBJECT_BYTES + content_bytes(element) for element in content])
+        elements = cast("Sequence[Any]", content)
+        if elements and isinstance(elements[0], int | float):
+            return _ELEMENT_BYTES * len(elements)
+        return sum([_OBJECT_BYTES + content_bytes(element) for element in elements])
     inner = getattr(content, "Body", None) or getattr(content, "Value", None) or getattr(content, "Text", None)
     return 0 if inner is None or isinstance(inner, int | float) else _OBJECT_BYTES + content_bytes(inner)
 

@@ -176,7 +176,7 @@ class FleetState:
         for tick in ticks:
             try:
                 changes += tick(wall_ticks)
-            except Exception as error:
+            except Exception as error:  # counted; the other ticks have nothing to do with it
                 if self.caught is None:
                     raise
                 self.caught("each second", error)

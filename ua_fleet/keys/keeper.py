@@ -154,10 +154,9 @@ class _Keeper:
                 except UaFleetError as error:
                     self._is_away(str(error), clock())
                     return
-                except Exception as error:
+                except Exception as error:  # it costs this group its turn, and the others nothing
                     if is_cancelled():
                         raise
-                    # It costs this group its turn, and the others nothing.
                     self._failed(group_id, group, error, clock())
                     continue
                 try:

@@ -80,7 +80,7 @@ class Mistakes:
         while True:
             try:
                 await work()
-            except Exception as error:
+            except Exception as error:  # counted; the work begins again
                 if is_cancelled():
                     raise  # it fails because it is ended, and is not to begin again
                 self.caught(loop, error)

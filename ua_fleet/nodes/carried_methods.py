@@ -73,7 +73,7 @@ class CarriedMethods:
 
     async def _run(self, scenario: str, names: list[str], values: list[str]) -> Sequence[Any]:
         async with self._at_once:
-            valid = await asyncio.to_thread(self._service.valid, _short(scenario))
+            valid = await asyncio.to_thread(self._service.runs.valid, _short(scenario))
         return (self._carried.start(valid, names, values, caller().name),)
 
 

@@ -101,7 +101,7 @@ class ConditionMethods:
         if self._view.is_acknowledged(fault_id):
             raise Refusal(StatusCodes.BadConditionBranchAlreadyAcked, f"{fault_id} is acknowledged")
         self._view.comment(fault_id, _text_of(comment) or "", by, tell=False)
-        self._scenarios.acknowledge(fault_id, by)
+        self._scenarios.fault_reports.acknowledge(fault_id, by)
         return []
 
     async def _add_comment(self, owner: ua.NodeId, event_id: ua.Variant, comment: ua.Variant) -> Answer:
@@ -188,9 +188,9 @@ class ConditionMethods:
             elif is_carried:
                 await said_by_bridges(partial(self._carried.answer, run_id, dialog.step, option, by))
             elif dialog.decision_id:
-                self._scenarios.confirm(dialog.decision_id, option, by)
+                self._scenarios.decisions.confirm(dialog.decision_id, option, by)
             else:
-                self._scenarios.answer(run_id, dialog.step, option, by)
+                self._scenarios.runs.answer(run_id, dialog.step, option, by)
         except UaFleetError:
             dialog.last_response = before
             raise

@@ -1,7 +1,5 @@
 """How the Unified Namespace stands, as nodes below the fleet's Object: `Fleet/UnifiedNamespace`."""
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """What clients see of skills that they do: `Fleet/Offers`, its Methods, and an event for each change of a request."""
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 import json

@@ -7,8 +7,6 @@ are told behind the values that wait. The faults of a few robots, in a flood of 
 watch, would else have all of it written at once. Nodes come at once, and go when nothing waits.
 """
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 from collections import OrderedDict

@@ -128,7 +128,7 @@ class PubSubNodes:
         for tree in self._trees:
             try:
                 self._refresh_tree(tree)
-            except Exception as error:  # noqa: BLE001 what one bridge announces must not stop what others are shown by
+            except Exception as error:  # noqa: BLE001 - what one bridge announces must not keep others from being shown
                 self._discard(tree)  # its nodes may be there in part, and would be made again
                 failed = error
         if failed is not None:

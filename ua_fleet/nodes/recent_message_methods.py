@@ -1,7 +1,5 @@
 """RecentMessages of the fleet's Object: engineers look at the last PubSub messages, opened (ADR 58)."""
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 import asyncio
@@ -85,7 +83,9 @@ class RecentMessageMethods:
         if answer.begins:
             self._record(source)
         columns = [_row(message) for message in answer.messages]
-        outputs = [list(column) for column in zip(*columns, strict=True)] if columns else [[] for _ in range(11)]
+        outputs: list[list[Any]] = [[] for _ in range(11)]
+        if columns:
+            outputs = [list(column) for column in zip(*columns, strict=True)]
         return (*outputs, answer.lost, answer.has_more)
 
     def _record(self, source: str) -> None:

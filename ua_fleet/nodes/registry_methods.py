@@ -1,7 +1,5 @@
 """RegisterRobot and UnregisterRobot of the fleet's Object."""
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """What the service says, as nodes and events: each output in its order."""
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 import secrets

@@ -3,8 +3,6 @@
 A key issues no key, so that whoever has got hold of one has it no longer than it was issued for.
 """
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 import asyncio

@@ -26,11 +26,13 @@ from ua_fleet.errors import LocalWireError, RobotBusy, RobotOffline
 from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.skills import SkillModel, argument_problem
 from ua_fleet.nodes.skill_nodes import SHARED_METHODS
+from ua_fleet.operation.skills.addressing import NamedArguments
 from ua_fleet.operation.skills.program import ProgramState
 from ua_fleet.operation.skills.tracker import SkillChange, SkillKeys, SkillTracker
-from ua_fleet.skill.executions import EXECUTION_ID_BYTES, pack
+from ua_fleet.skill.executions import EXECUTION_ID_BYTES
 from ua_fleet.topics import Topic
 from ua_fleet.values import NodeId, status_name
+from ua_fleet.wire.packed_fields import pack_fields
 
 __all__ = ["SkillMethods", "SkillRequests"]
 
@@ -146,9 +148,8 @@ class SkillMethods:
             ]
             return result
         try:
-            self._check(offered, given)
+            named = self._checked(offered, given)
             execution_id = secrets.token_bytes(EXECUTION_ID_BYTES)
-            named = {declared.name: value for declared, value in zip(skill.arguments, given, strict=True)}
             self._requests.request(topic, robot.name, skill.name, named, skill.timeout_s, execution_id)
         except Exception as error:
             if (code := getattr(error, "ua_status", None)) is not None:
@@ -159,14 +160,14 @@ class SkillMethods:
         self._put(self._tracker.requested(key, execution_id, self._wall_ticks()))
         return [ua.Variant(execution_id.hex(), ua.VariantType.String)]
 
-    def _check(self, offered: _Offered, given: tuple[Any, ...]) -> None:
-        """Raise Refusal for what the skill's limits, or its robot, do not allow now."""
+    def _checked(self, offered: _Offered, given: tuple[Any, ...]) -> NamedArguments:
+        """The arguments by their names; raises Refusal for what the skill's limits, or its robot, do not allow now."""
         skill, limits = offered.skill, offered.skill.limits
         try:
-            size = len(pack(tuple([argument.type for argument in skill.arguments]), given))
+            packed = pack_fields(tuple([argument.type for argument in skill.arguments]), given)
         except LocalWireError as error:
             raise Refusal(_INVALID, str(error)) from error
-        if size > limits.largest_message_bytes:
+        if (size := len(packed.content)) > limits.largest_message_bytes:
             raise Refusal(StatusCodes.BadRequestTooLarge, f"{size} bytes of {limits.largest_message_bytes}")
         if self._tracker.is_silent(offered.key):
             raise RobotOffline(f"robot {offered.robot.name} is silent; check that its bridge, or its client, runs")
@@ -178,6 +179,7 @@ class SkillMethods:
         if self._clock() < self._free_at.get(offered.key, 0.0):
             said = f"asked for again within {limits.least_interval_s:g} s"
             raise Refusal(StatusCodes.BadServerTooBusy, said)
+        return NamedArguments([argument.name for argument in skill.arguments], packed)
 
     async def _reset(self, parent: ua.NodeId) -> list[ua.Variant]:
         offered = self._offered(parent)

@@ -1,7 +1,5 @@
 """How the robots stand in short, a hundred in a Variable: `Fleet/Summaries/1`, `2` and so on; see `fleet.summaries`."""
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable

@@ -99,7 +99,7 @@ class Liveness:
             _, order, writer = heapq.heappop(deadlines)
             try:
                 self._look(writer, order, now, events, nameless)
-            except Exception as error:
+            except Exception as error:  # counted; the other writers are looked at
                 if caught is None:
                     raise
                 heapq.heappush(deadlines, (now + self._timeout, order, writer))

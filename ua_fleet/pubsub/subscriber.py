@@ -317,7 +317,7 @@ class Subscriber:
         for step in (self._poll_envelope, self._poll_liveness, self._poll_probes):
             try:
                 step(now, events)
-            except Exception as error:
+            except Exception as error:  # counted; the other steps have nothing to do with it
                 if self.caught is None:
                     raise
                 self.caught("silences", error)

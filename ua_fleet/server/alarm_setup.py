@@ -96,7 +96,7 @@ def make_alarms(
         alarm_definitions(config, model),
         states,
         notify=nodes.notify,
-        found=scenarios.alarms_found,
+        found=scenarios.news.alarms_found,
         make_event_id=lambda: secrets.token_bytes(16),
         wall_s=steady(asyncio.get_running_loop().time, time.time),
         sooner=timer.sooner,
@@ -105,6 +105,6 @@ def make_alarms(
     for condition in alarms:
         nodes.add(condition)
     alarms.added = nodes.add
-    scenarios.alarms_restored(alarms.faults())
+    scenarios.news.alarms_restored(alarms.faults())
     ConditionMethods(server, view, scenarios, nodes, alarms, carried).build()
     return alarms

@@ -1,7 +1,5 @@
 """The server as one coroutine: `run_server`."""
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 import asyncio

@@ -1,7 +1,5 @@
 """What the server tells of itself: figures for Prometheus, and whether it is ready. It looks when it is asked."""
 
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-
 from __future__ import annotations
 
 import asyncio

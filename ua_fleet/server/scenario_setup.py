@@ -13,9 +13,11 @@ import structlog
 from ua_fleet.config.nodes import events_topic
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.endpoint.hardened_server import HardenedServer
+from ua_fleet.endpoint.turns import Places
 from ua_fleet.fleet.model import FleetModel
 from ua_fleet.nodes.address_space import FleetNodes
 from ua_fleet.nodes.carried_methods import CarriedMethods
+from ua_fleet.nodes.decision_methods import DecisionMethods
 from ua_fleet.nodes.dialogs import DialogNodes
 from ua_fleet.nodes.events import ServerEvents
 from ua_fleet.nodes.node_factory import NodeFactory
@@ -144,7 +146,9 @@ def make_scenarios(
         mistakes=ground.mistakes,
         log=log_of_runs,
     )
-    ScenarioMethods(server, parts, nodes, view, service, carried).build()
+    background = Places()
+    ScenarioMethods(server, parts, service, carried, background).build()
+    DecisionMethods(server, parts, view, service, carried, background).build()
     CarriedMethods(server, parts, service, carried)
     RobotMethods(server, parts, service.holds)
     return service, carried, view

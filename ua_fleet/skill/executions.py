@@ -16,8 +16,7 @@ from typing import Any, Final, NamedTuple
 
 from ua_fleet.topics import check_space
 from ua_fleet.values import StatusCode, Variant
-from ua_fleet.wire.cursor import Cursor
-from ua_fleet.wire.variant import decode_variant, encode_typed
+from ua_fleet.wire.packed_fields import pack_fields, unpack_fields
 
 __all__ = [
     "CONTROL_BITS",
@@ -38,6 +37,7 @@ __all__ = [
     "Target",
     "halt_id",
     "is_halted_by",
+    "is_same_content",
     "named_results",
     "pack",
     "unpack",
@@ -186,19 +186,23 @@ def pack(types: tuple[int, ...], values: tuple[Any, ...]) -> bytes:
 
     Raises LocalWireError for values that do not fit their types.
     """
-    out = bytearray()
-    for code, value in zip(types, values, strict=True):
-        encode_typed(out, code, value)
-    return bytes(out)
+    return pack_fields(types, values).content
 
 
 def unpack(content: bytes) -> tuple[Variant, ...]:
     """The values that were packed."""
-    cursor = Cursor(content)
-    values: list[Variant] = []
-    while cursor.remaining:
-        values.append(decode_variant(cursor))
-    return tuple(values)
+    fields = unpack_fields(content)
+    return tuple(map(Variant, fields.types, fields))
+
+
+def is_same_content(one: bytes, other: bytes) -> bool:
+    """Whether packed values are the same, however their bytes were written: a Boolean may be any but 0."""
+    return one == other or _rewritten(one) == _rewritten(other)
+
+
+def _rewritten(content: bytes) -> bytes:
+    fields = unpack_fields(content)
+    return pack_fields(fields.types, tuple(fields)).content
 
 
 def named_results(outcome: RequestOutcome, declared: Sequence[str]) -> dict[str, Any]:

@@ -51,12 +51,12 @@ from ua_fleet.skill.executions import (
     RequestOutcome,
     Target,
     pack,
-    unpack,
 )
 from ua_fleet.skill.journal import RecordedRequest, RequestorJournal
 from ua_fleet.skill.prepared import PreparedRequests
-from ua_fleet.values import TICKS_PER_SECOND, StatusCode, Variant
+from ua_fleet.values import TICKS_PER_SECOND, StatusCode
 from ua_fleet.wire.actions import ActionMessage, ActionState
+from ua_fleet.wire.packed_fields import PackedFields, pack_fields, unpack_fields
 
 __all__ = ["ActionRequestor", "Concluded", "Contradicted", "OutcomeCorrected", "RequestPace", "RequestorEffect", "Send"]
 
@@ -132,7 +132,7 @@ class _Exchange:
     give_up: float
     """When Unknown is the outcome; never once there is another."""
     next_at: float
-    arguments: tuple[Variant, ...]
+    arguments: PackedFields
     sent: int = 0
     """Messages of this phase, since the last answer."""
     refused: RequestOutcome | None = None
@@ -230,10 +230,11 @@ class ActionRequestor:
         if execution_id in self._prepared:
             self._journal.forget_requests([execution_id])
             self._prepared.left_out([execution_id])
-        request = self._new(execution_id, target, types, values, timeout_s, utc, version)
+        arguments = pack_fields(types, values)
+        request = self._new(execution_id, target, arguments, timeout_s, utc, version)
         self._journal.requested(request)
         self._requests[execution_id] = request
-        return self._ask(request, now, now + request.timeout_ms / 1000, tuple(map(Variant, types, values)))
+        return self._ask(request, now, now + request.timeout_ms / 1000, arguments)
 
     def prepare(
         self,
@@ -249,7 +250,7 @@ class ActionRequestor:
         """The record of a request that the owner writes down; None where one of this id was. Raises as `start` does."""
         if execution_id in self._requests or execution_id in self._prepared:
             return None
-        return self._new(execution_id, target, types, values, timeout_s, utc, version)
+        return self._new(execution_id, target, pack_fields(types, values), timeout_s, utc, version)
 
     def prepared(self, requests: Iterable[RecordedRequest]) -> None:
         """These were written down; nothing was sent."""
@@ -357,29 +358,27 @@ class ActionRequestor:
         self,
         execution_id: bytes,
         target: Target,
-        types: tuple[int, ...],
-        values: tuple[Any, ...],
+        arguments: PackedFields,
         timeout_s: float,
         utc: int,
         version: int,
     ) -> RecordedRequest:
         """A request with the next issue time; raises as `start` does."""
-        content = pack(types, values)
         timeout_ms = round(timeout_s * 1000)
         if len(execution_id) != EXECUTION_ID_BYTES:
             raise SkillRejected(f"an execution id has {EXECUTION_ID_BYTES} bytes, not {len(execution_id)}")
         if timeout_ms <= 0:
             raise SkillRejected(f"a request needs a timeout of 1 ms at least, not {timeout_s} s")
         self._last_issued = max(utc, self._last_issued + 1)
-        return RecordedRequest(execution_id, target, content, self._last_issued, timeout_ms, version=version)
+        return RecordedRequest(execution_id, target, arguments.content, self._last_issued, timeout_ms, version=version)
 
     def _ask(
-        self, request: RecordedRequest, now: float, deadline: float, arguments: tuple[Variant, ...] | None = None
+        self, request: RecordedRequest, now: float, deadline: float, arguments: PackedFields | None = None
     ) -> list[RequestorEffect]:
-        """Begin to ask; without its arguments a request is one of the journal, and has them packed."""
+        """Begin to ask; without its arguments a request is one of the journal, and they are read from its content."""
         give_up = deadline + self._pace.grace_s
         if arguments is None:
-            arguments = unpack(request.content)
+            arguments = unpack_fields(request.content)
         exchange = _Exchange(_Phase.ASKING, deadline, give_up, now, arguments)
         self._exchanges[request.execution_id] = exchange
         return [self._say(request, exchange, now)]
@@ -399,8 +398,8 @@ class ActionRequestor:
         return Send(
             message._replace(
                 timeout_hint_ms=hint_ms,
-                types=tuple([argument.type for argument in exchange.arguments]),
-                values=tuple([argument.value for argument in exchange.arguments]),
+                types=exchange.arguments.types,
+                values=exchange.arguments,
                 timestamp=request.issued,
                 major_version=request.version or None,
             )

@@ -37,8 +37,8 @@ has requests refused, with both times in the message, rather than begun late.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, StorageUnavailable
@@ -50,12 +50,14 @@ from ua_fleet.skill.executions import (
     ExecutionState,
     RequestorName,
     Target,
+    is_same_content,
     pack,
 )
 from ua_fleet.skill.journal import RecordedExecution, ResponderJournal
 from ua_fleet.skill.offers import ActionOffers, Offer, OfferDecision
 from ua_fleet.values import TICKS_PER_SECOND, StatusCode
 from ua_fleet.wire.actions import ActionMessage, ActionState
+from ua_fleet.wire.packed_fields import PackedFields, unpack_fields
 
 __all__ = [
     "ActionResponder",
@@ -106,6 +108,12 @@ class Execute:
     """Tell the robot, once. Then say `begun`, or `refused` where nothing was begun."""
 
     execution: RecordedExecution
+    decoded: tuple[Any, ...] | None = field(default=None, compare=False)
+    """The arguments that the execution's content was decoded into; None: it is of the journal, or was packed here."""
+
+    def arguments(self) -> tuple[Any, ...]:
+        """The arguments of the execution."""
+        return tuple(unpack_fields(self.execution.content) if self.decoded is None else self.decoded)
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,8 +330,11 @@ class ActionResponder:
             effects.append(ExecutionChanged(execution))
             if execution.report.state is _S.RUNNING:
                 self._to_begin.add(execution_id)
-                effects.append(Execute(execution))
-        elif (execution.space, execution.target, execution.content) != (name.space, _target_of(message), content):
+                decoded = message.values if isinstance(message.values, PackedFields) else None
+                effects.append(Execute(execution, decoded))
+        elif (execution.space, execution.target) != (name.space, _target_of(message)) or not is_same_content(
+            execution.content, content
+        ):
             said = "this execution id belongs to another request"
             report = ExecutionReport(_S.REFUSED, StatusCode.BAD_INVALID_ARGUMENT, said)
             return [answer(message, ActionState.DONE, report, reply_to)]

@@ -64,6 +64,7 @@ from ua_fleet.wire.data_set_message import (
 )
 from ua_fleet.wire.header import Header, encode_header
 from ua_fleet.wire.messages import DataSetMessage, FieldEncoding, NetworkMessage, PublisherIdType
+from ua_fleet.wire.packed_fields import keep_content, pack_fields
 from ua_fleet.wire.variant import decode_variant, encode_typed
 
 __all__ = [
@@ -93,6 +94,8 @@ MOST_REQUESTOR_BYTES: Final = 256
 
 _DOUBLE = Struct("<d")
 _BODY = Struct("<HHB")
+_COUNT_BYTES: Final = 2
+"""Of the FieldCount."""
 
 
 class ActionState(IntEnum):
@@ -121,6 +124,7 @@ class ActionMessage(NamedTuple):
     timeout_hint_ms: float | None = None
     types: tuple[int, ...] = ()
     values: tuple[Any, ...] = ()
+    """PackedFields where they were packed before, or have been decoded from bytes."""
     status: int | None = None
     """Of a response: a StatusCode of which the upper 16 bits travel."""
     timestamp: int | None = None
@@ -246,9 +250,11 @@ def _decode_message(
     body: tuple[int, int, int] = cursor.unpack(_BODY)
     if body[2] > ActionState.DONE:
         raise RemoteWireError(Cause.ACTION_STATE, f"ActionState {body[2]}", cursor.position - 1)
+    fields_at = cursor.position + _COUNT_BYTES
     head = decode_fields(cursor, head)
+    content = bytes(cursor.data[fields_at : cursor.position])
     cursor.expect_padding()
-    return head, body
+    return head._replace(values=keep_content(head.types, head.values, content)), body
 
 
 def encode_action(message: ActionMessage) -> bytes:
@@ -342,5 +348,4 @@ def _encode_message(out: bytearray, message: ActionMessage) -> None:
         encode_number(out, BuiltinType.UINT32, message.major_version)
     out += _BODY.pack(message.action_target_id, message.request_id, message.action_state)
     encode_number(out, BuiltinType.UINT16, len(message.types))
-    for code, value in zip(message.types, message.values, strict=True):
-        encode_typed(out, code, value)
+    out += pack_fields(message.types, message.values).content

@@ -470,7 +470,7 @@ class PluggedDriver(Driver):
         now = time.monotonic()
         try:
             due = self._do_due(now)
-        except Exception as error:
+        except Exception as error:  # logged, and told as the driver's status
             logger.exception("what was due could not be done")
             self._failure = f"a mistake of the bridge ({error!r}); report its log, and start it again"
             return

@@ -125,7 +125,7 @@ class Link:
             step(*arguments)
         except OSError as error:
             self._begin_anew(_reason(error), self._pause_s)
-        except Exception as error:
+        except Exception as error:  # logged once; the connection is made anew
             why = f"a mistake of the bridge ({error!r}); report its log"
             if why != self._mistake:
                 self._mistake = why

@@ -15,6 +15,7 @@ from ua_fleet.fleet.state import FleetState
 from ua_fleet.nodes.address_space import FleetNodes
 from ua_fleet.operation.robots.offers import ClientOffers
 from ua_fleet.operation.robots.roster import RobotRegistry
+from ua_fleet.operation.runs.robot_news import RobotNews
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.pubsub.metadata import make_field
@@ -69,7 +70,7 @@ LOOPS: dict[str, tuple[str, Any, str, Callable[..., bool]]] = {
     "datagrams": ("datagrams", Subscriber, "receive", is_broken_datagram),
     "messages": ("messages", FleetState, "apply", is_broken_message),
     "values": ("changes", Coalescer, "offer", is_broken_change),
-    "scenario values": ("changes", ScenarioService, "value_changed", is_broken_change),
+    "scenario values": ("changes", RobotNews, "value_changed", is_broken_change),
     "nodes": ("projection", FleetNodes, "add_source", always),
     "every second": ("each second", FleetState, "tick", always),
     "announced robots": ("announced robots", RobotRegistry, "tick", always),

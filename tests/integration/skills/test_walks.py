@@ -19,12 +19,14 @@ SECONDS: Final = 0.8346214
 MOST: Final = 18
 PLACES: Final = {
     "UdpTransport.send": "MethodServices.call",  # a client's Call request has it
-    "Actions._execute": "_Shell.receive",  # it comes from the network, and goes to the driver
+    "Actions._execute": "BridgeShell.receive",  # it comes from the network, and goes to the driver
 }
 """Where an argument leaves a process or comes to the driver, and the function that takes it from the place before."""
+FORMS: Final = ("encode_typed", "decode_typed")
+"""What packs a value into the bytes of a Variant, and what parses it: a value that is a Variant has no other way."""
 
 
-async def test_an_argument_passes_few_functions_and_waits_nowhere(hall: Hall) -> None:
+async def test_an_argument_passes_few_functions_waits_nowhere_and_is_packed_and_parsed_once(hall: Hall) -> None:
     bus = Bus()
     bus.is_up = True
     transport = UdpTransport(hall.config.pubsub.url, "lo", hears_itself=False)
@@ -34,7 +36,7 @@ async def test_an_argument_passes_few_functions_and_waits_nowhere(hall: Hall) ->
     try:
         async with hall.server() as running, running.client() as client:
             await started(client, WORK, "weld", 0.01)
-            with Walk(SECONDS, PLACES) as walk:
+            with Walk(SECONDS, PLACES, FORMS, PLACES.values()) as walk:
                 await started(client, WORK, "weld", SECONDS)
                 await until_holds(lambda: any(job.seconds == SECONDS for job in hall.machine.told()))
     finally:
@@ -45,3 +47,4 @@ async def test_an_argument_passes_few_functions_and_waits_nowhere(hall: Hall) ->
     assert ways.keys() == PLACES.keys()
     passed = list(dict.fromkeys(name for way in ways.values() for name in way))
     assert len(passed) <= MOST, "\n".join(passed)
+    assert walk.calls == dict.fromkeys(FORMS, 1)

@@ -17,7 +17,7 @@ from tests.unit.bridge.test_runner import STATUS, Line, Reader, Robot, turns, un
 from tests.unit.bridge.test_secured_runner import CONFIG as SECURED_CONFIG
 from tests.unit.bridge.test_secured_runner import Reader as SecuredReader
 from tests.unit.bridge.test_secured_runner import Source, keys_of
-from ua_fleet.bridge import STATUS_FIELDS, ExecutionEnded, run_bridge, runner
+from ua_fleet.bridge import STATUS_FIELDS, ExecutionEnded, run_bridge, shell
 from ua_fleet.bridge.rival import RIVAL_S, Rival
 from ua_fleet.counters import Counters
 from ua_fleet.pubsub.publisher import Publisher
@@ -88,7 +88,7 @@ def last_status(reader: Reader | SecuredReader) -> Callable[[], dict[str, Any]]:
 async def test_messages_of_another_process_are_said_and_counted(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(runner, "STATUS_INTERVAL_S", 0.001)
+    monkeypatch.setattr(shell, "STATUS_INTERVAL_S", 0.001)
     line = KnowingLine()
     last = last_status(Reader(line))
     with capture_logs() as logs:
@@ -107,7 +107,7 @@ async def test_messages_of_another_process_are_said_and_counted(
 async def test_in_a_secured_fleet_only_who_has_the_keys_is_another(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(runner, "STATUS_INTERVAL_S", 0.001)
+    monkeypatch.setattr(shell, "STATUS_INTERVAL_S", 0.001)
     line = KnowingLine()
     last = last_status(SecuredReader(line))
     async with running(line, tmp_path, keys=Source()):

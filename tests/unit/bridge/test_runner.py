@@ -20,7 +20,7 @@ from ua_fleet.bridge import (
     SampleRead,
     SourceFound,
     run_bridge,
-    runner,
+    shell,
 )
 from ua_fleet.config.schema import BridgeConfig, FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.counters import Counters, Drop
@@ -168,7 +168,7 @@ async def test_samples_go_out_and_others_data_goes_into_the_space() -> None:
 
 
 async def test_status_is_published_with_the_figures_of_the_transport(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "STATUS_INTERVAL_S", 0.001)
+    monkeypatch.setattr(shell, "STATUS_INTERVAL_S", 0.001)
     robot, line = Robot(), Line()
     reader = Reader(line)
     async with running(robot, line):
@@ -191,7 +191,7 @@ async def test_status_is_published_with_the_figures_of_the_transport(monkeypatch
 
 
 async def test_connection_is_logged_once_each_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "STATUS_INTERVAL_S", 0.001)
+    monkeypatch.setattr(shell, "STATUS_INTERVAL_S", 0.001)
     robot, line = Robot(), Line()
     robot.state = DriverStatus(False, "no master at http://127.0.0.1:11311; start one")
     with capture_logs() as logs:
@@ -215,7 +215,7 @@ async def test_connection_is_logged_once_each_way(monkeypatch: pytest.MonkeyPatc
 async def test_reason_of_a_drop_and_malformed_datagrams_are_logged_without_a_flood(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(runner, "STATUS_INTERVAL_S", 0.001)
+    monkeypatch.setattr(shell, "STATUS_INTERVAL_S", 0.001)
     robot, line = Robot(), Line()
     with capture_logs() as logs:
         async with running(robot, line):
@@ -297,7 +297,7 @@ async def test_a_second_process_of_a_bridge_ends_at_once(tmp_path: Path) -> None
 
 
 async def test_bridge_whose_driver_is_over_says_why_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "STATUS_INTERVAL_S", 0.001)
+    monkeypatch.setattr(shell, "STATUS_INTERVAL_S", 0.001)
     robot, line = Robot(), Line()
     reader = Reader(line)
     ready = asyncio.Event()

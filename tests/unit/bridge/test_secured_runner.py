@@ -9,7 +9,7 @@ import pytest
 from structlog.testing import capture_logs
 
 from tests.unit.bridge.test_runner import STATUS, Line, Robot, turns, until
-from ua_fleet.bridge import STATUS_FIELDS, SampleRead, run_bridge, runner
+from ua_fleet.bridge import STATUS_FIELDS, SampleRead, run_bridge, shell
 from ua_fleet.config.schema import BridgeConfig, FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.counters import Counters
 from ua_fleet.errors import BridgeUnavailable, ConfigError, KeySourceUnavailable, KeysRefused
@@ -75,7 +75,7 @@ class Reader:
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction]
     monkeypatch.setattr(keeper, "PERIOD_S", 0.001)
     monkeypatch.setattr(keeper, "FIRST_DELAY_S", 0.001)
-    monkeypatch.setattr(runner, "STATUS_INTERVAL_S", 0.001)
+    monkeypatch.setattr(shell, "STATUS_INTERVAL_S", 0.001)
 
 
 @asynccontextmanager

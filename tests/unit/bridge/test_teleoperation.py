@@ -16,7 +16,7 @@ from structlog.testing import capture_logs
 from tests.outcomes import Outcomes
 from tests.unit.bridge.test_runner import Line, Robot, until
 from tests.unit.config.test_teleoperation import FILE
-from ua_fleet.bridge import run_bridge, runner, teleoperation
+from ua_fleet.bridge import run_bridge, shell, teleoperation
 from ua_fleet.config.load import load_content
 from ua_fleet.config.teleoperation import teleoperations
 from ua_fleet.counters import Counters
@@ -141,7 +141,7 @@ async def driven(robot: DrivenRobot, folder: Path, monitor: Monitor | None = Non
     line, ready = Line(), asyncio.Event()
     server = Server(line)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "STATUS_INTERVAL_S", 0.02)
+        patch.setattr(shell, "STATUS_INTERVAL_S", 0.02)
         bridge = run_bridge(CONFIG, "floor", robot, line, state_dir=folder, ready=ready.set, monitor=monitor)
         async with asyncio.TaskGroup() as group:
             tasks = [group.create_task(bridge)]

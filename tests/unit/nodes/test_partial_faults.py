@@ -81,7 +81,7 @@ def test_a_text_may_begin_with_the_capacities_that_the_robot_has(
 ) -> None:
     world = World(tmp_path, config=CONFIG)
     world.value(1300, said, BuiltinType.STRING)
-    world.service.raise_fault("right", said)
+    world.service.fault_reports.raise_fault("right", said)
     world.pass_time(1)
     faults = {fault.id: (fault.capacities, fault.reason) for fault in world.service.faults}
     assert faults == {"left.announced": (capacities, reason), "right.robot": (capacities, reason)}
@@ -89,7 +89,7 @@ def test_a_text_may_begin_with_the_capacities_that_the_robot_has(
 
 TOLD: dict[str, Callable[[World], None]] = {
     "announced": lambda world: world.value(1300, "mobile: hot", BuiltinType.STRING),
-    "raised": lambda world: world.service.raise_fault("left", "mobile: hot"),
+    "raised": lambda world: world.service.fault_reports.raise_fault("left", "mobile: hot"),
     "a condition": lambda world: world.value(1000, 90.0),
 }
 
@@ -106,13 +106,13 @@ def test_only_what_needs_it_goes_to_another_robot(told: str, skill: str, robot: 
 
 def test_what_a_fault_takes_away_is_kept_over_a_restart(tmp_path: Path) -> None:
     world = World(tmp_path, config=CONFIG)
-    world.service.raise_fault("left", "mobile: hot")
+    world.service.fault_reports.raise_fault("left", "mobile: hot")
     world.journal.close()
     again = World(tmp_path, config=CONFIG)
     assert [fault.capacities for fault in again.service.faults] == [("mobile",)]
     again.start(ONE.format(skill="grab"))
     assert asked(again) == ["left"]
-    again.service.raise_fault("left", "everything smokes")
+    again.service.fault_reports.raise_fault("left", "everything smokes")
     again.journal.close()
     last = World(tmp_path, again.robots, config=CONFIG)
     assert [(fault.capacities, fault.reason) for fault in last.service.faults] == [((), "hot; everything smokes")]
@@ -128,16 +128,16 @@ def test_a_fault_of_an_earlier_version_takes_everything_away(tmp_path: Path) -> 
 
 def test_a_robot_is_faulted_when_nothing_is_left_that_it_can_do(tmp_path: Path) -> None:
     world = World(tmp_path, config=CONFIG)
-    assert not world.service.can_do_nothing("left")
+    assert not world.service.fault_reports.can_do_nothing("left")
     world.value(1300, "mobile: hot", BuiltinType.STRING)
     world.pass_time(1)
-    assert not world.service.can_do_nothing("left"), "it still grabs"
-    world.service.raise_fault("left", "grab: stuck")
-    assert world.service.can_do_nothing("left")
-    world.service.clear_fault("left")
-    assert not world.service.can_do_nothing("left")
-    world.service.raise_fault("left", "it smokes")
-    assert world.service.can_do_nothing("left")
+    assert not world.service.fault_reports.can_do_nothing("left"), "it still grabs"
+    world.service.fault_reports.raise_fault("left", "grab: stuck")
+    assert world.service.fault_reports.can_do_nothing("left")
+    world.service.fault_reports.clear_fault("left")
+    assert not world.service.fault_reports.can_do_nothing("left")
+    world.service.fault_reports.raise_fault("left", "it smokes")
+    assert world.service.fault_reports.can_do_nothing("left")
 
 
 def test_an_alarm_says_what_is_lost() -> None:

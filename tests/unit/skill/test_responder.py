@@ -29,6 +29,7 @@ from ua_fleet.skill.exchanges import MOST_OPEN, PATIENCE_S
 from ua_fleet.skill.responder import TRANSITIONS
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, StatusCode
 from ua_fleet.wire import ActionMessage, ActionState
+from ua_fleet.wire.packed_fields import PackedFields, unpack_fields
 
 S = ExecutionState
 MOVE, GRAB = Target(7, 3, 100, 1), Target(7, 3, 100, 2)
@@ -127,6 +128,27 @@ def test_a_repeated_request_gets_the_record_and_begins_nothing() -> None:
     assert isinstance(said, Respond)
     assert report(receive(responder, now=9.0, utc=UTC + 10**9)) == DONE, "however late"
     assert responder.ended(ID, ExecutionReport(S.FAILED), 9.0) == [], "the first end counts"
+
+
+def test_arguments_that_were_decoded_are_not_decoded_again() -> None:
+    journal = MemoryJournal()
+    marked = PackedFields((BuiltinType.INT32,), (5,), bytes.fromhex("06 06000000"))
+    _, execute = receive(make(journal), REQUEST._replace(values=marked))
+    assert isinstance(execute, Execute)
+    assert execute.arguments() == (5,), "as they came, and not as their bytes say"
+    assert [execution.content for execution in journal.executions()] == [marked.content]
+    assert Execute(execute.execution).arguments() == (6,), "after a restart there are the bytes alone"
+
+
+@pytest.mark.parametrize(("written", "is_same"), [("01 01", True), ("01 02", True), ("01 00", False), ("03 01", False)])
+def test_a_repeated_request_may_write_the_same_values_otherwise(written: str, is_same: bool) -> None:
+    responder = make()
+    first = REQUEST._replace(action_target_id=2, types=(BuiltinType.BOOLEAN,), values=(True,))
+    receive(responder, first)
+    responder.begun(ID, 0.0)
+    again = unpack_fields(bytes.fromhex(written))
+    said = response(receive(responder, first._replace(types=again.types, values=again)))
+    assert (said.status == StatusCode.BAD_INVALID_ARGUMENT) is not is_same
 
 
 def test_an_end_before_the_robot_side_has_said_begun() -> None:

@@ -32,7 +32,8 @@ from ua_fleet.operation.runs.carried_adoption import Adoptions, plan_view
 from ua_fleet.operation.runs.carried_questions import BridgesAnswered, CarriedQuestions, is_good
 from ua_fleet.operation.runs.carried_state import AskedBridge, CarriedPhase, FollowedRun
 from ua_fleet.operation.runs.library import Checked, parameters_of
-from ua_fleet.operation.runs.service import ScenarioService, new_run_id
+from ua_fleet.operation.runs.run_commands import new_run_id
+from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived, DataReceived, SubscriberEvent

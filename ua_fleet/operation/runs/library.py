@@ -17,6 +17,7 @@ from ua_fleet.storage.files import write_whole
 from ua_fleet.values import StatusCode
 
 __all__ = [
+    "MOST_NAME",
     "Checked",
     "Library",
     "Listed",
@@ -35,6 +36,8 @@ MOST_PROBLEMS: Final = 500
 """Of one scenario that are told."""
 MOST_SAID: Final = 20
 """Of these, in place of a run."""
+MOST_NAME: Final = 200
+"""Characters of a name or a reason that people give, and that are kept or said."""
 MOST_TOLD: Final = 300
 """Characters of one problem."""
 _ENDINGS: Final = (".yaml", ".yml", ".json")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Sequence
+from typing import NamedTuple
 
 from ua_fleet.operation.log import Log
 from ua_fleet.operation.runs.finding import FaultFinder
@@ -13,7 +14,39 @@ from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, RunOutcome
 from ua_fleet.storage.run_journal import RunJournal
 
-__all__ = ["restore_faults", "scenario_to_go_on"]
+__all__ = ["JournaledRuns", "restore_faults", "runs_of_journal", "scenario_to_go_on"]
+
+
+class JournaledRuns(NamedTuple):
+    """The runs of the journal."""
+
+    records: list[RunRecord]
+    """Of all."""
+    carried: list[RunRecord]
+    """Of those that bridges carry, and that have not ended."""
+    going_on: list[tuple[str, Scenario, list[Fact]]]
+    """Those that go on: id, scenario, facts."""
+
+    @property
+    def going_on_ids(self) -> set[str]:
+        """The ids of those that go on."""
+        return {run_id for run_id, _, _ in self.going_on}
+
+
+def runs_of_journal(journal: RunJournal, check: Callable[[str], Checked], *, log: Log, now: float) -> JournaledRuns:
+    """Read all runs, and end those that do not fit the fleet any more; see `scenario_to_go_on`."""
+    found = JournaledRuns([], [], [])
+    for run_id, ended in journal.runs():
+        facts = journal.facts(run_id)
+        record = RunRecord.of(run_id, facts)
+        if not ended and record.state.carried:
+            found.carried.append(record)
+        elif not ended:
+            scenario = scenario_to_go_on(record, facts, check, journal, log=log, now=now)
+            if scenario is not None:
+                found.going_on.append((run_id, scenario, facts))
+        found.records.append(record)
+    return found
 
 
 def scenario_to_go_on(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -12,8 +12,22 @@ from ua_fleet.skill.executions import CONTROL_BITS, Target
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement, ActionTarget
+from ua_fleet.wire.messages import FieldMetaData
+from ua_fleet.wire.packed_fields import PackedFields
 
-__all__ = ["addressed", "fitting", "not_announced", "target_of"]
+__all__ = ["NamedArguments", "addressed", "fitting", "not_announced", "target_of"]
+
+
+class NamedArguments(dict[str, Any]):
+    """The arguments of a skill by their names, with the bytes that they were packed into in this order."""
+
+    def __init__(self, names: Iterable[str], packed: PackedFields) -> None:
+        super().__init__(zip(names, packed, strict=True))
+        self.packed = packed
+
+    def has_order(self, fields: Iterable[FieldMetaData], types: tuple[int, ...]) -> bool:
+        """Whether a bridge announces them in this order, with these types."""
+        return self.packed.types == types and list(self) == [field.name for field in fields]
 
 
 def addressed(
@@ -23,9 +37,11 @@ def addressed(
     them in order; raises SkillRejected.
     """
     _check_names(action, topic, robot, skill)
-    values = _arranged(action, arguments)
+    values, types = _arranged(action, arguments), type_codes(action.request.fields)
+    if isinstance(arguments, NamedArguments) and arguments.has_order(action.request.fields, types):
+        values = arguments.packed
     version = action.request.configuration_version.major if values else 0
-    return Target(*topic, target_of(action, robot)), type_codes(action.request.fields), values, version
+    return Target(*topic, target_of(action, robot)), types, values, version
 
 
 @contextmanager

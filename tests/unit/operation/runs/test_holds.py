@@ -50,7 +50,7 @@ def test_where_nobody_else_can_the_first_robot_has_it_back_when_it_is_released(t
     resilience = CONFIG.resilience.model_copy(update={"mode": DecisionMode.OPERATOR})
     world = World(tmp_path, config=CONFIG.model_copy(update={"resilience": resilience}))
     world.service.holds.hold("left", "", "anna")
-    world.service.raise_fault("right", "hot")
+    world.service.fault_reports.raise_fault("right", "hot")
     world.start()
     world.pass_time(BUSY_S + 1)
     assert asked(world) == []
@@ -85,7 +85,7 @@ def test_any_robot_is_none_that_is_held(tmp_path: Path) -> None:
 def test_a_held_robot_takes_nothing_over_and_the_ranking_says_why(tmp_path: Path) -> None:
     world = World(tmp_path)
     world.service.holds.hold("right", "new tyre", "anna")
-    world.service.raise_fault("left", "hot")
+    world.service.fault_reports.raise_fault("left", "hot")
     world.start()
     world.pass_time(1)
     events = [one.event for one in world.said if isinstance(one, DecisionChanged)]

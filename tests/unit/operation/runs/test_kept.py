@@ -36,7 +36,7 @@ def test_what_cannot_be_written_is_not_carried_out_until_it_is(tmp_path: Path) -
     world.journal.fails = True
     world.service.concluded(world.robots.asked[0][2], IMMEDIATE)
     with pytest.raises(StorageUnavailable):
-        world.service.pause(run_id, "anna")
+        world.service.runs.pause(run_id, "anna")
     world.pass_time(5)
     assert [robot for robot, _, _ in world.robots.asked] == ["left"]
     world.journal.fails = False
@@ -69,7 +69,7 @@ def test_a_fault_that_no_rule_can_end_any_more_can_be_cleared(tmp_path: Path) ->
     world.journal.close()
     again = World(tmp_path, config=CONFIG.model_copy(update={"resilience": resilience}))
     assert [fault.id for fault in again.service.faults] == ["left.battery_low"]
-    again.service.clear_fault("left")
+    again.service.fault_reports.clear_fault("left")
     assert not [fault for fault in again.service.faults if fault.active]
 
 
@@ -80,7 +80,7 @@ def test_a_decision_ends_with_its_run(tmp_path: Path) -> None:
     world.value(1300, "stuck", BuiltinType.STRING)
     world.pass_time(SETTLE_S)
     assert world.service.open_decisions == 1
-    world.service.abort(run_id, "", "anna")
+    world.service.runs.abort(run_id, "", "anna")
     world.pass_time(20.0)
     events = [output.event for output in world.said if isinstance(output, DecisionChanged)]
     assert isinstance(events[-1], Aborted)

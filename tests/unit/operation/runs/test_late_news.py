@@ -80,7 +80,7 @@ def test_what_was_done_though_its_robot_has_a_fault_is_not_done_again(tmp_path: 
     world.pass_time(SETTLE_S)
     assert world.service.open_decisions == 1
     if is_late:
-        world.service.confirm(f"{run_id}.0", "right", "anna")
+        world.service.decisions.confirm(f"{run_id}.0", "right", "anna")
     world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.DONE))
     assert (world.service.open_decisions, world.ended()) == (0, ["done"])
     *_, over = [out.fact for out in world.said if isinstance(out, RunChanged) and isinstance(out.fact, TaskOver)]
@@ -154,7 +154,7 @@ def test_a_request_of_a_run_that_was_aborted_does_not_begin_after_a_restart(tmp_
     world = World(tmp_path)
     run_id = world.start()
     ((_, _, execution_id),) = world.robots.asked
-    world.service.abort(run_id, "enough", "anna")
+    world.service.runs.abort(run_id, "enough", "anna")
     world.journal.close()
     again = World(tmp_path, world.robots)
     assert again.service.must_not_begin() == [execution_id]

@@ -64,7 +64,7 @@ def test_a_mistake_with_halts_keeps_no_run_from_going_on(tmp_path: Path, monkeyp
     world = World(tmp_path)
     first = world.start()
     world.service.concluded(world.robots.asked[0][2], ACCEPTED)
-    world.service.abort(first, "enough", "anna")
+    world.service.runs.abort(first, "enough", "anna")
     monkeypatch.setattr(Halts, "unanswered", broken)
     world.pass_time(15)
     world.start(ONE.replace("robot: left", "robot: right"))

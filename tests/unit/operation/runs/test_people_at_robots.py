@@ -48,7 +48,7 @@ def test_what_a_run_has_halted_itself_another_robot_does(tmp_path: Path) -> None
     world.start()
     ((_, _, execution_id),) = world.robots.asked
     world.service.concluded(execution_id, ACCEPTED)
-    world.service.raise_fault("left", "hot")
+    world.service.fault_reports.raise_fault("left", "hot")
     world.hear(1200, halted(execution_id))
     assert [asked[0] for asked in world.robots.asked] == ["left", "right"]
 

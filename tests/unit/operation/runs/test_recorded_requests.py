@@ -148,7 +148,7 @@ def test_a_request_that_is_taken_back_before_its_turn_is_not_sent(tmp_path: Path
         run_id = world.start(CHAIN)
         assert assigned(world.file) == requested(world.file), "recorded, and behind what takes its time"
         assert world.sent == []
-        world.service.abort(run_id, "enough", "anna")
+        world.service.runs.abort(run_id, "enough", "anna")
         world.pass_time(60.0)
         assert world.sent == []
         assert world.ended() == ["aborted enough"]

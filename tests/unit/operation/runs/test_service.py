@@ -12,7 +12,7 @@ from ua_fleet.config.skill_schema import SkillLimitsConfig
 from ua_fleet.errors import NoCandidate, RobotOffline, ScenarioError, ScenarioInvalid, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
-from ua_fleet.operation.runs.service import COALESCE_S
+from ua_fleet.operation.runs.robot_news import COALESCE_S
 from ua_fleet.operation.runs.task_calls import START_WITHIN_S
 from ua_fleet.orchestrator import DecisionChanged, Fault, OperatorAsked, RunChanged
 from ua_fleet.resilience import DecisionMode
@@ -104,7 +104,7 @@ def test_a_halt_that_no_robot_has_confirmed_outlives_run_and_server(tmp_path: Pa
     execution_id = world.robots.asked[-1][2]
     world.service.concluded(execution_id, ACCEPTED)
     world.robots.known[execution_id] = ACCEPTED
-    world.service.abort(run_id, "enough", "anna")
+    world.service.runs.abort(run_id, "enough", "anna")
     world.pass_time(HALT_S)
     assert (world.ended()[0].split(maxsplit=1)[0], world.faults()) == ("aborted", ["left.not_halted RAISED"])
     world.journal.close()
@@ -128,8 +128,8 @@ def test_a_person_consents_to_a_second_robot(tmp_path: Path) -> None:
     world.pass_time(1.0 + HALT_S)
     (run_id,) = world.service.run_ids
     with pytest.raises(NoCandidate, match="left cannot take over: may still be at it"):
-        world.service.confirm(f"{run_id}.0", "left", "anna")
-    world.service.confirm(f"{run_id}.0", "right", "anna")
+        world.service.decisions.confirm(f"{run_id}.0", "left", "anna")
+    world.service.decisions.confirm(f"{run_id}.0", "right", "anna")
     assert [robot for robot, _, _ in world.robots.asked] == ["left", "right"]
 
 
@@ -231,7 +231,7 @@ def test_two_robots_that_cannot_be_reached_end_the_run_and_not_the_server(tmp_pa
     world = World(tmp_path)
     world.robots.refusal = RobotOffline("nobody announces it")
     world.start(BOTH)
-    world.service.set_settings(replace(world.service.settings, mode=DecisionMode.ABORT), "anna")
+    world.service.decisions.set_settings(replace(world.service.settings, mode=DecisionMode.ABORT), "anna")
     world.pass_time(START_WITHIN_S + CONFIG.resilience.silence_s + 1)
     assert len(world.ended()) == 1
     assert world.service.run_ids == []
@@ -248,11 +248,11 @@ def test_a_mistake_with_one_task_costs_that_task_alone(tmp_path: Path) -> None:
     assert "KeyError" in overs[0].message
     world.robots.refusal = None
     if run_id in world.service.run_ids:
-        world.service.abort(run_id, "enough", "anna")
+        world.service.runs.abort(run_id, "enough", "anna")
     world.pass_time(HALT_S)
     world.start()
     assert world.robots.asked == [], "nobody knows what it was told"
-    world.service.clear_fault("left")
+    world.service.fault_reports.clear_fault("left")
     world.start()
     assert [robot for robot, *_ in world.robots.asked] == ["left"]
 
@@ -385,7 +385,7 @@ def test_a_task_that_waited_for_the_disk_is_not_begun_on_a_robot_that_has_a_faul
     world.start("version: 1\nname: s\nsteps:\n  - {wait: , event: go}\n" + ONE.partition("steps:\n")[2])
     world.journal.fails = True
     with pytest.raises(StorageUnavailable):
-        world.service.tell_event("go")
+        world.service.runs.tell_event("go")
     world.value(1300, "stuck", BuiltinType.STRING)
     world.journal.fails = False
     world.pass_time(5)
@@ -396,7 +396,7 @@ def test_a_request_of_a_run_before_does_not_begin_on_a_robot_with_a_fault(tmp_pa
     world = World(tmp_path)
     world.start()
     ((_, _, execution_id),) = world.robots.asked
-    world.service.raise_fault("left", "stuck")
+    world.service.fault_reports.raise_fault("left", "stuck")
     world.journal.close()
     again = World(tmp_path, world.robots)
     assert again.service.must_not_begin() == [execution_id]
@@ -439,13 +439,13 @@ def test_conditions_are_looked_at_soon_and_not_for_each_value(tmp_path: Path) ->
 
 def test_faults_are_there_again_after_a_restart(tmp_path: Path) -> None:
     world = World(tmp_path)
-    world.service.raise_fault("left", "gripper stuck")
-    world.service.acknowledge("left.robot", "anna")
+    world.service.fault_reports.raise_fault("left", "gripper stuck")
+    world.service.fault_reports.acknowledge("left.robot", "anna")
     world.journal.close()
     again = World(tmp_path)
     ((fault),) = again.service.faults
     assert (fault.id, fault.reason, fault.acknowledged_by) == ("left.robot", "gripper stuck", "anna")
-    again.service.clear_fault("left")
+    again.service.fault_reports.clear_fault("left")
     assert again.service.faults == []
 
 
@@ -477,7 +477,7 @@ def test_a_robot_announces_its_fault_and_its_repair(tmp_path: Path) -> None:
     world.pass_time(SETTLE_S)
     assert [robot for robot, *_ in world.robots.asked] == ["left", "right"], "another robot does the task"
     with pytest.raises(ScenarioError, match=r"cause is still there: announced \(motor burnt\)"):
-        world.service.clear_fault("left")
+        world.service.fault_reports.clear_fault("left")
     world.value(1300, "", BuiltinType.STRING)
     assert world.faults()[-1] == "left.announced CLEARED"
 
@@ -492,7 +492,7 @@ def test_an_announced_fault_lasts_while_the_robot_is_silent_and_over_a_restart(t
     assert [(fault.id, fault.reason, fault.active) for fault in again.service.faults] == [
         ("left.announced", "motor overheated", True)
     ]
-    again.service.clear_fault("left")  # nobody says any more that it is there
+    again.service.fault_reports.clear_fault("left")  # nobody says any more that it is there
     assert again.faults()[-1] == "left.announced CLEARED"
     again.value(1300, "motor overheated", BuiltinType.STRING)
     assert again.faults()[-1] == "left.announced RAISED"

@@ -148,7 +148,7 @@ def test_what_cannot_be_written_is_said(world: World, tmp_path: Path) -> None:
 def test_a_run_keeps_its_text(world: World, tmp_path: Path) -> None:
     library = world.service.library
     library.store("one", ONE, "", world.service.fleet)
-    world.service.start(world.service.valid("one"), (), (), "anna")
+    world.service.runs.start(world.service.runs.valid("one"), (), (), "anna")
     library.delete("one", version_of(ONE))
     (_, _, execution_id) = world.robots.asked[0]
     world.journal.close()

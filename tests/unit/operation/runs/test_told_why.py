@@ -63,7 +63,7 @@ def test_who_timed_out_is_named_with_task_and_run_to_the_next_run(tmp_path: Path
     first = timed_out(world)
     world.pass_time(61)
     assert [fault.id for fault in world.service.faults if fault.active] == ["left.not_halted"]
-    world.service.raise_fault("right", "gripper stuck")
+    world.service.fault_reports.raise_fault("right", "gripper stuck")
     run_id = world.start(TWO)
     reason = record_of(world, run_id).shown_reason
     assert reason.startswith("task first waits: left has a fault: it was told to stop grab (task second of run ")
@@ -83,7 +83,7 @@ def test_a_run_that_waits_for_a_fault_goes_on_once_it_is_cleared(tmp_path: Path)
     timed_out(world)
     world.pass_time(61)
     run_id, asked = world.start(TWO), len(world.robots.asked)
-    world.service.clear_fault(f"left.{NOT_HALTED}")
+    world.service.fault_reports.clear_fault(f"left.{NOT_HALTED}")
     assert len(world.robots.asked) == asked + 1
     assert world.service.open_decisions == 0
     assert record_of(world, run_id).shown_reason == ""
@@ -154,16 +154,16 @@ def test_a_run_that_ends_for_a_bridge_that_is_away_names_it(tmp_path: Path) -> N
 
 def test_a_fault_is_cleared_by_its_id(tmp_path: Path) -> None:
     world = World(tmp_path)
-    world.service.raise_fault("left", "gripper stuck")
+    world.service.fault_reports.raise_fault("left", "gripper stuck")
     world.value(1300, "motor hot", BuiltinType.STRING)
     with pytest.raises(ScenarioUnknown, match=r"its faults now: left\.robot, left\.announced$"):
-        world.service.clear_fault("left.grab")
+        world.service.fault_reports.clear_fault("left.grab")
     with pytest.raises(ScenarioError, match="still there"):
-        world.service.clear_fault("left.announced")
-    world.service.clear_fault("left.robot")
+        world.service.fault_reports.clear_fault("left.announced")
+    world.service.fault_reports.clear_fault("left.robot")
     assert [fault.id for fault in world.service.faults if fault.active] == ["left.announced"]
     with pytest.raises(ScenarioUnknown, match="there is no robot 'nobody'"):
-        world.service.clear_fault("nobody.robot")
+        world.service.fault_reports.clear_fault("nobody.robot")
 
 
 def test_what_nobody_knows_is_asked_with_the_command_that_answers(tmp_path: Path) -> None:

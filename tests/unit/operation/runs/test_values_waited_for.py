@@ -104,8 +104,8 @@ def test_a_paused_run_waits_for_nothing(tmp_path: Path) -> None:
     world = World(tmp_path)
     world.value(BATTERY + 1, None, BuiltinType.DOUBLE, LOST)
     run_id = world.start(OF_RIGHT)
-    world.service.pause(run_id, "anna")
+    world.service.runs.pause(run_id, "anna")
     world.pass_time(2 * VALUE_S)
-    world.service.resume(run_id, "anna")
+    world.service.runs.resume(run_id, "anna")
     world.pass_time(VALUE_S - 1)
     assert world.ended() == []

@@ -195,7 +195,7 @@ class World:
         self.service.take_news()
 
     def start(self, text: str = ONE, names: Sequence[str] = (), values: Sequence[str] = ()) -> str:
-        return self.service.start(self.service.valid(text), names, values, "anna")
+        return self.service.runs.start(self.service.runs.valid(text), names, values, "anna")
 
     def pass_time(self, seconds: float) -> None:
         end = self.now + seconds

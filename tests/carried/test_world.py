@@ -89,14 +89,25 @@ def test_an_adoption_without_an_epoch_is_found() -> None:
     assert is_found(no_epoch=True)
 
 
-def _without_attempt(effect: StartTask) -> str:
+def test_execution_ids_without_the_round_are_found() -> None:
+    assert is_found(identity=_without_round)
+
+
+def _without_attempt(effect: StartTask, _attempt: int) -> str:
     return f"{effect.robot}/{effect.step}"
+
+
+def _without_round(effect: StartTask, attempt: int) -> str:
+    return f"{effect.robot}/{effect.step.partition('@')[0]}/{attempt}"
 
 
 def _two_joins(parts: dict[int, Part]) -> dict[int, Part]:
     """Every branch but the first ends at a copy of its join that another bridge has; each begins with what it gets."""
     joins = {
-        one.number: (space, one) for space, part in parts.items() for one in part.segments.values() if one.slots > 1
+        one.number: (space, one)
+        for space, part in parts.items()
+        for one in part.segments.values()
+        if one.slots > 1 and not one.tells
     }
     if not joins or len(parts) < 2:
         return parts
@@ -107,7 +118,7 @@ def _two_joins(parts: dict[int, Part]) -> dict[int, Part]:
 
     for number, (space, join) in joins.items():
         for at in (space, other(space)):
-            made[at][number] = replace(join, slots=1)
+            made[at][number] = replace(join, slots=1, needs=join.needs[:1])
 
     def turned(road: Road) -> Road:
         if road.segment not in joins:
@@ -117,7 +128,8 @@ def _two_joins(parts: dict[int, Part]) -> dict[int, Part]:
 
     def of(segment: PartSegment) -> PartSegment:
         fails = None if segment.fails is None else turned(segment.fails)
-        return replace(segment, then=tuple([turned(road) for road in segment.then]), fails=fails)
+        then, otherwise = tuple(map(turned, segment.then)), tuple(map(turned, segment.otherwise))
+        return replace(segment, then=then, otherwise=otherwise, fails=fails)
 
     return {
         space: replace(part, segments={number: of(segment) for number, segment in made[space].items()})

@@ -23,27 +23,30 @@ from ua_fleet.carrying import (
     Holder,
     Part,
     Pause,
+    Place,
     Send,
     SendToken,
     Stop,
+    Tell,
     Token,
     decode_token,
     encode_part,
     encode_token,
     parts_of,
+    segment_of,
+    segment_run,
     split,
 )
 from ua_fleet.carrying.adoption import (
     Adoption,
     FilledSlot,
-    adopted_facts,
+    adopted_places,
     encode_adoption,
-    filled_slots,
     plan_without,
 )
 from ua_fleet.carrying.effects import Carry, fact_before
 from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
-from ua_fleet.carrying.fragments import decode_scenario, segment_scenario
+from ua_fleet.carrying.segment_scenario import decode_scenario, segment_scenario, way_taken
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Run, Scenario, Value, ValueUnknown
 from ua_fleet.scenario.effects import CancelTask, DecisionNeeded, Effect, ReleaseRobot, StartTask, WantRobot
@@ -68,13 +71,16 @@ class Killed(Exception):
     """A process ends at a write."""
 
 
-def _unknown(name: str) -> Value:
+def said_by_robots(name: str) -> Value:
+    """The values of robots, which stay what they are: every robot has a level from 0 to 99."""
+    if name.partition(".")[2] == "level":
+        return float(zlib.crc32(name.encode()) % 100)
     raise ValueUnknown(f"{name} is not known")
 
 
-def result_of(task: str, arguments: Mapping[str, Value]) -> float:
-    """What a task gives: something of its own and of its argument, from 0 to 99."""
-    return float(zlib.crc32(f"{task}/{float(arguments.get('x', 0.0)):g}".encode()) % 100)
+def result_of(step: str, arguments: Mapping[str, Value]) -> float:
+    """What a task gives: something of its own, of its round and of its argument, from 0 to 99."""
+    return float(zlib.crc32(f"{step}/{float(arguments.get('x', 0.0)):g}".encode()) % 100)
 
 
 @dataclass
@@ -96,16 +102,16 @@ class Robots:
     """What all robots do, and have done: nothing of it is lost. They do each execution once, by its id."""
 
     fails: Callable[[str, int], bool]
-    identity: Callable[[StartTask], str] = lambda effect: f"{effect.robot}/{effect.execution_id}"
+    identity: Callable[[StartTask, int], str] = lambda effect, _attempt: f"{effect.robot}/{effect.execution_id}"
     begun: list[Begun] = field(default_factory=list[Begun])
     by_id: dict[str, Begun] = field(default_factory=dict[str, Begun])
 
-    def begin(self, effect: StartTask, now: float) -> Begun:
+    def begin(self, effect: StartTask, attempt: int, now: float) -> Begun:
         """Begin an execution, or find what is known of it."""
-        key = self.identity(effect)
+        key = self.identity(effect, attempt)
         if key not in self.by_id:
             tries = sum(1 for one in self.begun if one.step == effect.step)
-            result = result_of(effect.task, effect.arguments)
+            result = result_of(effect.step, effect.arguments)
             made = Begun(now, effect.robot, effect.step, effect.task, key, self.fails(effect.step, tries), result)
             self.by_id[key] = made
             self.begun.append(made)
@@ -118,6 +124,7 @@ class Engine:
     def __init__(self, robots: Robots, now: Callable[[], float], later: Callable[[float, Callable[[], None]], None]):
         self.robots, self.now, self.later = robots, now, later
         self.runs: dict[str, Run] = {}
+        self.scenarios: dict[str, Scenario] = {}
         self.waiting: dict[str, list[tuple[str, str]]] = {}
         self.has: dict[str, tuple[str, str]] = {}
         self.gone: set[int] = set()
@@ -173,7 +180,8 @@ class Engine:
         if robot_space(effect.robot) in self.gone:
             self.later(0.0, partial(self.end, run_id, effect, TaskOutcome.FAULT, {}))
             return
-        begun = self.robots.begin(effect, self.now())
+        attempt = self.runs[run_id].state.tasks[effect.step].attempt
+        begun = self.robots.begin(effect, attempt, self.now())
         took_s = 0.2 + zlib.crc32(begun.execution.encode()) % 30 / 10
         begun.ended = begun.ended or begun.at + took_s
 
@@ -191,7 +199,7 @@ class Engine:
         """Time has passed."""
         for run_id, run in list(self.runs.items()):
             if run.state.outcome is None:
-                self.take(run_id, run.poll(_unknown, self.now()))
+                self.take(run_id, run.poll(said_by_robots, self.now()))
 
 
 class Bridge:
@@ -237,16 +245,17 @@ class Bridge:
             if isinstance(effect, Gone):
                 self.engine.gone.add(effect.space)
             if isinstance(effect, Stop | Pause):
-                for number in effect.segments:
-                    if lines := self.segments.get(f"{RUN}.{number}"):
+                for place in effect.places:
+                    if lines := self.segments.get(segment_run(RUN, place)):
                         self.write(lines, encode_fact(fact_before(effect, self.world.now)))
         for run_id, lines in list(self.segments.items()):
             if lines:
                 facts = [decode_fact(line) for line in lines]
                 scenario = decode_scenario(getattr(facts[0], "text"))  # noqa: B009 - the first fact is RunCreated
                 self.engine.runs[run_id] = Run.restore(scenario, facts, self.journal_of(run_id))
+                self.engine.scenarios[run_id] = scenario
         for run_id, run in self.engine.runs.items():
-            self.engine.take(run_id, run.again(_unknown, self.world.now))
+            self.engine.take(run_id, run.again(said_by_robots, self.world.now))
 
     def note(self, fact: CarryFact) -> None:
         """The journal of the holder."""
@@ -296,44 +305,57 @@ class Bridge:
             match effect:
                 case Gone(space=space):
                     self.engine.gone.add(space)
-                case Begin(run_id=run_id, segment=segment, values=values, facts=facts):
-                    key = f"{run_id}.{segment.number}"
-                    if key not in self.engine.runs:
-                        scenario = segment_scenario("made", segment.body, values)
-                        given = {one.name: one.default for one in scenario.parameters if one.default is not None}
-                        known: list[Fact] = []
-                        Run.create(key, scenario, given, known.append, by="x", now=self.world.now)
-                        known += [decode_fact(line) for line in facts]
-                        self.write(self.segments.setdefault(key, []), *[encode_fact(fact) for fact in known])
-                        run = self.engine.runs[key] = Run.restore(scenario, known, self.journal_of(key))
-                        self.engine.take(key, run.again(_unknown, self.world.now))
-                        self.engine.take(key, run.poll(_unknown, self.world.now))
-                case Pause(run_id=run_id, segments=segments, is_paused=is_paused):
-                    for number in segments:
-                        key = f"{run_id}.{number}"
+                case Begin():
+                    self.begin(effect)
+                case Tell(run_id=run_id, place=place):
+                    key = segment_run(run_id, place)
+                    run = self.engine.runs[key]
+                    told = run.told(effect.task, self.world.now, is_done=effect.is_done, results=effect.results)
+                    self.engine.take(key, told)
+                case Pause(run_id=run_id, places=places, is_paused=is_paused):
+                    for place in places:
+                        key = segment_run(run_id, place)
                         if (begun := self.engine.runs.get(key)) is not None:
                             change = begun.pause if is_paused else begun.resume
                             self.engine.take(key, change("x", self.world.now))
-                case Stop(run_id=run_id, segments=segments, reason=reason):
-                    for number in segments:
-                        key = f"{run_id}.{number}"
+                case Stop(run_id=run_id, places=places, reason=reason):
+                    for place in places:
+                        key = segment_run(run_id, place)
                         if key in self.engine.runs:
                             self.engine.take(key, self.engine.runs[key].abort(reason, "x", self.world.now))
                         else:
-                            self.do(self.holder.segment_ended(run_id, number, self.world.now, failed=reason))
+                            self.do(self.holder.segment_ended(run_id, place, self.world.now, failed=reason))
+
+    def begin(self, effect: Begin) -> None:
+        """Begin a segment, unless it was begun before."""
+        key, now = segment_run(effect.run_id, Place(effect.segment.number, effect.rounds)), self.world.now
+        if key in self.engine.runs:
+            return
+        scenario = segment_scenario("made", effect.segment.body, effect.rounds, effect.values, effect.outside)
+        given = {one.name: one.default for one in scenario.parameters if one.default is not None}
+        known: list[Fact] = []
+        Run.create(key, scenario, given, known.append, by="x", now=now)
+        known += [decode_fact(line) for line in effect.facts]
+        self.write(self.segments.setdefault(key, []), *[encode_fact(fact) for fact in known])
+        run = self.engine.runs[key] = Run.restore(scenario, known, self.journal_of(key))
+        self.engine.scenarios[key] = scenario
+        self.engine.take(key, run.again(said_by_robots, now))
+        self.engine.take(key, run.poll(said_by_robots, now))
 
     def look(self) -> None:
         """Tell the holder of segments that have ended, and others of what is not acknowledged."""
         for key, run in list(self.engine.runs.items()):
-            run_id, _, number = key.rpartition(".")
+            run_id, place = segment_of(key)
             held = self.holder.runs.get(run_id)
-            if run.state.outcome is None or held is None or int(number) in held.over:
+            if run.state.outcome is None or held is None or place not in held.active:
                 continue
             results = {
                 f"{task}.{name}": one for task, given in run.state.results.items() for name, one in given.items()
             }
-            failed = "" if run.state.outcome is RunOutcome.DONE else run.state.reason or "failed"
-            self.do(self.holder.segment_ended(run_id, int(number), self.world.now, failed=failed, results=results))
+            is_done = run.state.outcome is RunOutcome.DONE
+            failed = "" if is_done else run.state.reason or "failed"
+            way = way_taken(self.engine.scenarios[key], run.state) if is_done else True
+            self.do(self.holder.segment_ended(run_id, place, self.world.now, failed=failed, results=results, way=way))
 
     def tick(self) -> None:
         """Each half second: time, what lazy writers write, what is not acknowledged."""
@@ -394,15 +416,17 @@ class Off:
         if world.now > self.adopted + 300.0:
             world.is_closing = True
 
-    def _facts(self, victim: Bridge) -> dict[int, tuple[str, ...]]:
+    def _facts(self, victim: Bridge) -> dict[str, tuple[str, ...]]:
         """What the server has fetched before it was off, which may not be all; and what robots have done in truth."""
         done = [one.step for one in self.world.robots.begun if not one.fails]
-        facts: dict[int, tuple[str, ...]] = {}
-        for number, segment in victim.holder.runs[RUN].part.segments.items() if RUN in victim.holder.runs else ():
-            lines = victim.segments.get(f"{RUN}.{number}", [])
-            known = [decode_fact(line) for line in lines[: self.random.randint(0, len(lines))]]
-            said = adopted_facts(segment.body.steps, known, done, self.world.now, "x")
-            facts[number] = tuple([encode_fact(fact) for fact in said])
+        fetched: list[Fact] = []
+        for lines in victim.segments.values():
+            fetched += [decode_fact(line) for line in lines[: self.random.randint(0, len(lines))]]
+        fetched.sort(key=lambda fact: fact.at)
+        facts: dict[str, tuple[str, ...]] = {}
+        for segment in self.world.parts[self.space].segments.values():
+            for place, said in adopted_places(segment, fetched, done, self.world.now, "x").items():
+                facts[str(place)] = tuple([encode_fact(fact) for fact in said])
         return facts
 
     def _tell(self, bridge: Bridge, adoption: Adoption) -> None:
@@ -416,7 +440,7 @@ class Off:
 
         def take() -> None:
             bridge.do(bridge.holder.take_adoption(content, world.now))
-            filled = filled_slots(bridge.holder.runs[RUN].tokens.values())
+            filled = bridge.holder.runs[RUN].filled()
             world.carry(bridge.space, 0, lambda: acknowledged(filled))
 
         world.carry(0, bridge.space, lambda: world.refusable(bridge, take))
@@ -430,7 +454,7 @@ class World:
         seed: int,
         *,
         is_lazy: bool = False,
-        identity: Callable[[StartTask], str] | None = None,
+        identity: Callable[[StartTask, int], str] | None = None,
         parts: Callable[[dict[int, Part]], dict[int, Part]] = lambda parts: parts,
         forgets: type[CarryFact] | None = None,
         no_epoch: bool = False,
@@ -600,7 +624,7 @@ class World:
         except ScenarioError:
             return content
         made = replace(token, plan_hash=held.part.plan_hash, epoch=held.part.epoch)
-        return encode_token(made, names[token.segment])
+        return encode_token(made, () if token.failed else names[token.segment][token.slot])
 
     def refusable(self, target: Bridge, take: Callable[[], None]) -> None:
         def guarded() -> None:
@@ -690,7 +714,7 @@ def fails_by(seed: int) -> Callable[[str, int], bool]:
 
 
 def orchestrated(scenario: Scenario, seed: int) -> tuple[RunOutcome, dict[str, float]]:
-    """How the same run ends where one engine does all of it, and what its tasks gave."""
+    """How the same run ends where one engine does all of it, and what its tasks gave in each round."""
     events: list[tuple[float, int, Callable[[], None]]] = []
     order, now = count(), 0.0
 
@@ -699,7 +723,7 @@ def orchestrated(scenario: Scenario, seed: int) -> tuple[RunOutcome, dict[str, f
 
     engine = Engine(Robots(fails_by(seed)), lambda: now, later)
     run = engine.runs[RUN] = Run.create(RUN, scenario, {}, lambda _fact: None, by="x", now=0.0)
-    engine.take(RUN, run.poll(_unknown, 0.0))
+    engine.take(RUN, run.poll(said_by_robots, 0.0))
     while run.state.outcome is None:
         if not events:
             now += 0.5
@@ -708,5 +732,4 @@ def orchestrated(scenario: Scenario, seed: int) -> tuple[RunOutcome, dict[str, f
         now, _, work = heapq.heappop(events)
         work()
         engine.poll()
-    results = {task: float(given["out"]) for task, given in run.state.results.items()}
-    return run.state.outcome, results
+    return run.state.outcome, {begun.step: begun.result for begun in engine.robots.begun if not begun.fails}

@@ -55,6 +55,8 @@ class SegmentBegun:
     at: float
     run_id: str
     segment: int
+    rounds: tuple[int, ...] = ()
+    """The numbers of the repetitions around it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,9 @@ class SegmentOver:
     """All that is known here of results, by `task.result`."""
     ends: str = ""
     """How all of the run ends with it, where one of its steps says so."""
+    rounds: tuple[int, ...] = ()
+    way: bool = True
+    """What it has decided, where it ends with a decision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +86,8 @@ class HandedOver:
     segment: int
     target: int
     slot: int
+    rounds: tuple[int, ...] = ()
+    """Of the segment that is over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +152,8 @@ def decode_carry_fact(line: str) -> CarryFact:
     """
     try:
         data: dict[str, Any] = json.loads(line)
+        if "rounds" in data:
+            data["rounds"] = tuple(data["rounds"])
         fact: CarryFact = _KINDS[data.pop("fact")](**data)
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"no fact of a carried run: {error}") from error

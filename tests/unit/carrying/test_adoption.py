@@ -13,6 +13,7 @@ from ua_fleet.carrying import (
     Gone,
     Holder,
     Part,
+    Place,
     RunRefused,
     SendToken,
     Stop,
@@ -27,7 +28,6 @@ from ua_fleet.carrying.adoption import (
     adopted_facts,
     decode_adoption,
     encode_adoption,
-    filled_slots,
     heir_of,
     plan_without,
 )
@@ -89,18 +89,18 @@ def test_the_first_bridge_that_all_take_actions_of_is_the_heir() -> None:
 def test_the_heir_goes_on_from_its_own_results_and_what_was_heard() -> None:
     bridge = Bridge(300)
     bridge.holder.take_token(token(0), 0, 1.0)
-    bridge.holder.segment_ended("run", 0, 2.0, results={"one.out": 5.0})
+    bridge.holder.segment_ended("run", Place(0), 2.0, results={"one.out": 5.0})
     (sent,) = bridge.holder.to_send()
     assert isinstance(sent, SendToken)
     bridge.holder.handed_over(sent, 3.0)
-    lines = {1: (encode_fact(StepEnded(2.5, "1", StepState.DONE)),)}
+    lines = {"1": (encode_fact(StepEnded(2.5, "1", StepState.DONE)),)}
     gone, begun = bridge.holder.take_adoption(adoption(300, 301, facts=lines), 20.0)
     assert gone == Gone("run", 301, "anna")
     assert isinstance(begun, Begin)
-    assert (begun.segment.number, begun.values, begun.facts) == (1, {"one.out": 5.0}, lines[1])
+    assert (begun.segment.number, begun.values, begun.facts) == (1, {"one.out": 5.0}, lines["1"])
     assert bridge.holder.take_adoption(adoption(300, 301, facts=lines), 21.0) == []
     again = [one for one in bridge.again().again(22.0) if isinstance(one, Begin)]
-    assert [(one.segment.number, one.values, one.facts) for one in again] == [(1, {"one.out": 5.0}, lines[1])]
+    assert [(one.segment.number, one.values, one.facts) for one in again] == [(1, {"one.out": 5.0}, lines["1"])]
     assert list(bridge.again().to_send()) == []
 
 
@@ -109,7 +109,7 @@ def test_a_token_that_another_bridge_has_proves_that_its_segment_is_over() -> No
     bridge.holder.take_token(token(1), 300, 1.0)
     effects = bridge.holder.take_adoption(adoption(301, 300), 20.0)
     assert [one.segment.number for one in effects if isinstance(one, Begin)] == [1], "and not the first one"
-    filled = filled_slots(bridge.holder.runs["run"].tokens.values())
+    filled = bridge.holder.runs["run"].filled()
     assert FilledSlot(1, 0, "", {"one.out": 2.0}) in filled
 
 
@@ -172,7 +172,7 @@ def test_a_late_bridge_parks_what_it_has(epoch: int | None, outcome: str) -> Non
     late.again(50.0)
     (stop,) = late.told_epoch(AskEpoch("run", 300), epoch, 51.0)
     assert isinstance(stop, Stop)
-    assert stop.segments == (1,)
+    assert stop.places == (Place(1),)
     closed = bridge.facts[-1]
     assert isinstance(closed, RunClosed)
     assert closed.outcome == outcome
@@ -182,7 +182,7 @@ def test_a_late_bridge_parks_what_it_has(epoch: int | None, outcome: str) -> Non
 def test_a_bridge_whose_token_is_refused_asks_why() -> None:
     bridge = Bridge(300)
     bridge.holder.take_token(token(0), 0, 1.0)
-    bridge.holder.segment_ended("run", 0, 2.0, results={"one.out": 5.0})
+    bridge.holder.segment_ended("run", Place(0), 2.0, results={"one.out": 5.0})
     (sent,) = bridge.holder.to_send()
     assert isinstance(sent, SendToken)
     bridge.holder.refused(sent)

@@ -12,6 +12,7 @@ from ua_fleet.carrying import (
     Holder,
     Part,
     Pause,
+    Place,
     RunRefused,
     SendEnd,
     SendToken,
@@ -118,7 +119,7 @@ def test_parts_that_do_not_fit_are_refused(bridge: Bridge) -> None:
 
 def test_a_token_is_sent_until_it_is_acknowledged(bridge: Bridge) -> None:
     bridge.holder.take_token(bridge.token(), 300, 1.0)
-    bridge.holder.segment_ended("run", 1, 2.0, results={"two.out": 5.0})
+    bridge.holder.segment_ended("run", Place(1), 2.0, results={"two.out": 5.0})
     (sent,) = bridge.holder.to_send()
     assert isinstance(sent, SendToken)
     assert (sent.road.space, sent.road.segment) == (300, 2)
@@ -129,7 +130,7 @@ def test_a_token_is_sent_until_it_is_acknowledged(bridge: Bridge) -> None:
 
 def test_a_segment_that_fails_fails_the_run_without_the_steps_between(bridge: Bridge) -> None:
     bridge.holder.take_token(bridge.token(), 300, 1.0)
-    bridge.holder.segment_ended("run", 1, 2.0, failed="no part there")
+    bridge.holder.segment_ended("run", Place(1), 2.0, failed="no part there")
     (sent,) = bridge.holder.to_send()
     assert isinstance(sent, SendToken)
     last = Bridge(300)
@@ -156,17 +157,17 @@ def test_who_is_not_in_a_run_does_not_end_it(bridge: Bridge) -> None:
 
 def test_an_end_stops_what_is_under_way(bridge: Bridge) -> None:
     bridge.holder.take_token(bridge.token(), 300, 1.0)
-    assert bridge.holder.take_end("run", "aborted", "enough", 0, 2.0) == [Stop("run", (1,), "enough")]
+    assert bridge.holder.take_end("run", "aborted", "enough", 0, 2.0) == [Stop("run", (Place(1),), "enough")]
     assert bridge.holder.take_end("run", "aborted", "enough", 0, 2.0) == []
-    assert bridge.again().again(3.0) == [Stop("run", (1,), "enough")]
+    assert bridge.again().again(3.0) == [Stop("run", (Place(1),), "enough")]
 
 
 def test_a_text_that_does_not_fit_in_a_token_fails_its_segment() -> None:
     bridge = Bridge(300)
     bridge.take_part()
     bridge.holder.take_token(bridge.token(0), 0, 1.0)
-    bridge.holder.segment_ended("run", 0, 2.0, results={"one.out": "x" * 65})
-    assert "65 bytes" in bridge.holder.runs["run"].over[0].failed
+    bridge.holder.segment_ended("run", Place(0), 2.0, results={"one.out": "x" * 65})
+    assert "65 bytes" in bridge.holder.runs["run"].over[Place(0)].failed
 
 
 def test_robots_are_reserved_until_the_run_is_over_or_its_lease_is(bridge: Bridge) -> None:
@@ -205,12 +206,12 @@ def test_a_paused_run_takes_tokens_and_begins_them_when_it_goes_on(bridge: Bridg
 
 def test_what_is_under_way_is_paused_once_and_again_after_a_restart(bridge: Bridge) -> None:
     bridge.holder.take_token(bridge.token(), 300, 1.0)
-    assert bridge.holder.take_pause("run", True, "anna", 2.0) == [Pause("run", (1,), True, "anna")]
+    assert bridge.holder.take_pause("run", True, "anna", 2.0) == [Pause("run", (Place(1),), True, "anna")]
     assert bridge.holder.take_pause("run", True, "otto", 3.0) == []
-    assert bridge.again().again(4.0) == [Pause("run", (1,), True, "anna")]
+    assert bridge.again().again(4.0) == [Pause("run", (Place(1),), True, "anna")]
     begun, goes_on = bridge.again().take_pause("run", False, "otto", 5.0)
     assert isinstance(begun, Begin)
-    assert goes_on == Pause("run", (1,), False, "otto")
+    assert goes_on == Pause("run", (Place(1),), False, "otto")
 
 
 def test_a_paused_run_is_not_lost_and_one_that_is_over_or_unknown_is_not_paused(bridge: Bridge) -> None:

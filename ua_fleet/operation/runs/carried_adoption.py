@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from ua_fleet.carrying import Part, Plan, PlanView, parts_of, split
-from ua_fleet.carrying.adoption import adopted_facts, heir_of, plan_without
+from ua_fleet.carrying.adoption import adopted_places, heir_of, plan_without
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ScenarioError
 from ua_fleet.operation.log import Log
@@ -140,10 +140,9 @@ class Adoptions:
         for fact in facts:
             state.apply(fact)
         segments = {
-            number: tuple(
-                [encode_fact(each) for each in adopted_facts(one.body.steps, facts, said.done, said.at, said.by)]
-            )
-            for number, one in before[said.space].segments.items()
+            str(place): tuple([encode_fact(fact) for fact in known])
+            for one in before[said.space].segments.values()
+            for place, known in adopted_places(one, facts, said.done, said.at, said.by).items()
         }
         results = {f"{task}.{name}": value for task, given in state.results.items() for name, value in given.items()}
         return Adopting(said, parts(plan_without(plan, said.space, said.heir), EPOCH), results, segments)

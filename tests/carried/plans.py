@@ -100,7 +100,10 @@ class _Writer:
     def _repeat(self, known: list[str], robots: list[str], depth: int, beside: list[str] | None) -> dict[str, Any]:
         times, is_sure = self._random.randint(1, 3), self._random.random() < 0.6
         within = list(known)
-        step: dict[str, Any] = {"repeat": self.steps(within, self._some(robots), depth - 1, beside), "times": times}
+        body = self.steps(within, self._some(robots), depth - 1, beside)
+        if not any("task" in step for step in body):
+            body.append({"wait": 0.1})  # each round has to take some time
+        step: dict[str, Any] = {"repeat": body, "times": times}
         if is_sure:
             known[:] = within
         else:

@@ -18,6 +18,7 @@ __all__ = [
     "PartTaken",
     "PauseTold",
     "RunClosed",
+    "RunDoubted",
     "SegmentBegun",
     "SegmentOver",
     "TokenTaken",
@@ -132,8 +133,26 @@ class PartAdopted:
     content: str
 
 
+@dataclass(frozen=True, slots=True)
+class RunDoubted:
+    """This bridge was away for long, so that another one may have its segments; or it has heard that none has."""
+
+    at: float
+    run_id: str
+    is_doubted: bool
+
+
 CarryFact = (
-    PartTaken | TokenTaken | SegmentBegun | SegmentOver | HandedOver | RunClosed | EndTold | PauseTold | PartAdopted
+    PartTaken
+    | TokenTaken
+    | SegmentBegun
+    | SegmentOver
+    | HandedOver
+    | RunClosed
+    | EndTold
+    | PauseTold
+    | PartAdopted
+    | RunDoubted
 )
 
 _KINDS: Final[dict[str, type[Any]]] = {kind.__name__: kind for kind in CarryFact.__args__}

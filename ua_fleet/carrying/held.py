@@ -36,6 +36,8 @@ class HeldRun:
     """Bridges that have acknowledged the end."""
     adoptions: list[Adoption] = field(default_factory=list[Adoption])
     """Of the segments of bridges that are off."""
+    is_doubted: bool = False
+    """Whether another bridge may be in the place of this one, which has not heard yet whether it is."""
     passed: dict[int, tuple[int, ...]] = field(default_factory=dict[int, tuple[int, ...]])
     """Rounds of adopted segments that are over, with all before them."""
     asks: set[int] = field(default_factory=set[int])
@@ -68,7 +70,8 @@ class HeldRun:
         Also where it has no token yet: one that was sent to it before may come late.
         """
         waits_s = self.part.adopt_after_s
-        return self.closed is None and len(self.part.spaces) > 1 and 0 < waits_s <= now - self.heard
+        is_long = self.is_doubted or 0 < waits_s <= now - self.heard
+        return self.closed is None and len(self.part.spaces) > 1 and is_long
 
     # Tokens.
 

@@ -31,6 +31,7 @@ from ua_fleet.carrying.facts import (
     PartTaken,
     PauseTold,
     RunClosed,
+    RunDoubted,
     SegmentBegun,
     SegmentOver,
     TokenTaken,
@@ -261,6 +262,9 @@ class Holder:
         Nothing is while a token may have been adopted: `in_doubt` has the run then, and others are asked.
         """
         self.in_doubt = {run_id for run_id, held in self.runs.items() if held.may_be_adopted(now)}
+        for run_id in sorted(self.in_doubt):
+            if not self.runs[run_id].is_doubted:  # what comes meanwhile does not say that it was not adopted
+                self._note(RunDoubted(now, run_id, True))
         return self._all_again(now)
 
     def _all_again(self, now: float) -> list[Carry]:
@@ -274,6 +278,8 @@ class Holder:
         if run_id not in self.in_doubt:
             return []
         self.in_doubt.discard(run_id)
+        if self.runs[run_id].closed is None:
+            self._note(RunDoubted(now, run_id, False))
         return self._all_again(now)
 
     def _again(self, held: HeldRun, now: float) -> list[Carry]:
@@ -470,5 +476,7 @@ class Holder:
                 held.told.add(fact.space)
             case PauseTold():
                 held.pause = fact
+            case RunDoubted():
+                held.is_doubted = fact.is_doubted
             case PartAdopted():
                 held.adopt(decode_adoption(bytes.fromhex(fact.content)), fact.at)

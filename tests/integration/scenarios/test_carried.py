@@ -11,7 +11,7 @@ import pytest
 from asyncua.client.client import Client
 
 from tests.integration.scenarios.conftest import Plant, all_heard, call, open_decision, run_is, says, texts, value
-from tests.integration.server_model.harness import until
+from tests.integration.server_model.harness import ua, until
 from tests.system import Processes
 
 THREE = """
@@ -29,6 +29,24 @@ FORKED = """
     then: [{task: last, skill: work, robot: middle, arguments: {work: last}}]
     else: [{task: never, skill: work, robot: middle, arguments: {work: never}}]
 """
+
+
+ROUNDS = """
+  - {task: first, skill: work, robot: left, arguments: {work: first, seconds: 2}}
+  - repeat:
+      - parallel:
+          - - {task: a, skill: work, robot: middle, arguments: {work: a, seconds: 0.3}}
+            - {task: b, skill: work, robot: left, arguments: {work: b}}
+          - [{task: c, skill: work, robot: right, after: [a], arguments: {work: "=a.done"}}]
+      - if: right.level > 0.5
+        then: [{task: d, skill: work, robot: left, arguments: {work: d}}]
+        else: [{task: never, skill: work, robot: middle, arguments: {work: never}}]
+    times: 3
+    while: first.seconds > 1
+  - {task: last, skill: work, robot: right, arguments: {work: "=b.done"}}
+"""
+ROUND = [("middle", "a"), ("left", "b"), ("right", "a"), ("left", "d")]
+"""What is done in each; the middle two side by side."""
 
 
 def mutual(plant: Plant) -> None:
@@ -101,6 +119,66 @@ async def test_the_server_is_killed_and_a_new_one_shows_the_whole_run(plant: Pla
         states = await value(client, f"Scenarios.Runs.{run_id}.States")
         assert states == ["done", "done", "done"]
     assert plant.told() == done
+
+
+async def test_rounds_branches_and_conditions_over_bridges_go_on_without_the_server(plant: Plant) -> None:
+    mutual(plant)
+
+    def level(raw: dict[str, Any]) -> None:
+        raw["robots"]["right"]["data"] = {"level": {"id": 1301, "type": "Double"}}
+
+    plant.declare(level)
+    plant.scenario("rounds", ROUNDS)
+    plant.users()
+    server = plant.server_process()
+    for robot in plant.machines:
+        plant.bridge(robot)
+    async with plant.client() as client:
+        await all_heard(client)
+        run_id = await run_carried(client, "rounds")
+        await until(lambda: _told(plant), bool, timeout_s=60)
+    server.process.send_signal(signal.SIGKILL)
+    await asyncio.to_thread(server.process.wait)
+    told = await until(lambda: _told(plant), lambda told: len(told) == 14, timeout_s=60)
+    assert (told[0], told[13]) == (("left", "first"), ("right", "b"))
+    for start in (1, 5, 9):
+        found = told[start : start + 4]
+        assert sorted(found) == sorted(ROUND)
+        assert (found[0], found[3]) == (ROUND[0], ROUND[3]), "a before the others, and d after them"
+    plant.server_process()
+    async with plant.client() as client:
+        state = await run_is(client, run_id, "done", "failed", "aborted")
+        assert state == "done", await _reason(client, run_id)
+        steps = await value(client, f"Scenarios.Runs.{run_id}.Steps")
+        assert len(steps) == len(set(steps)) == 14, steps
+    assert plant.told() == told
+
+
+async def test_who_takes_over_is_chosen_by_the_dialog_of_a_carried_run(plant: Plant) -> None:
+    mutual(plant)
+    plant.scenario("three", THREE.replace("work: two", "work: heavy"))
+    plant.machines["middle"].weaken()
+    async with plant.server():
+        for robot in plant.machines:
+            plant.bridge(robot)
+        async with plant.client() as client:
+            await all_heard(client)
+            run_id = await run_carried(client, "three")
+            decision = await open_decision(client)
+            dialog = client.get_node(f"ns=2;s=Dialogs.decision.{decision}")
+            options = await client.get_node(f"ns=2;s=Dialogs.decision.{decision}.ResponseOptionSet").read_value()
+            assert [option.Text for option in options] == ["left", "right"]
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await dialog.call_method("0:Respond", ua.Variant(2, ua.VariantType.Int32))
+            assert refused.value.code == ua.StatusCodes.BadDialogResponseInvalid
+            await dialog.call_method("0:Respond", ua.Variant(0, ua.VariantType.Int32))
+            assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
+            assert plant.told()[2:] == [("left", "heavy"), ("right", "heavy")], "the bridge has taken what was chosen"
+            last = client.get_node(f"ns=2;s=Dialogs.decision.{decision}.LastResponse")
+            assert await until(last.read_value, lambda response: response == 0, timeout_s=60) == 0
+            with pytest.raises(ua.UaStatusCodeError) as late:
+                await dialog.call_method("0:Respond", ua.Variant(1, ua.VariantType.Int32))
+            assert late.value.code == ua.StatusCodes.BadDialogNotActive
 
 
 async def test_a_bridge_that_dies_with_the_token_goes_on_after_its_restart(plant: Plant) -> None:
@@ -275,8 +353,9 @@ async def test_why_a_scenario_cannot_be_carried(plant: Plant) -> None:
         called = await call(client, "Scenarios", "ValidateCarried", "mixed")
         assert called.outputs[0] is False
         told = "\n".join(called.outputs[1])
-        for said in ("'go'", "several bridges", "left.go_on"):
+        for said in ("'go'", "left.go_on"):
             assert said in told
+        assert "bridges" not in told, "steps of several bridges are carried"
         called = await call(client, "Scenarios", "ValidateCarried", "three")
         assert any("requestors" in problem for problem in called.outputs[1])
         called = await call(client, "Scenarios", "RunCarried", "three", texts(), texts())

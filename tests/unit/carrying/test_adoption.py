@@ -164,6 +164,20 @@ def test_a_token_that_comes_while_a_bridge_asks_waits() -> None:
     assert [type(one) for one in late.told_epoch(AskEpoch("run", 300), 1, 52.0)] == [Begin]
 
 
+def test_what_comes_while_a_bridge_asks_does_not_end_its_doubt_also_after_another_restart() -> None:
+    bridge = Bridge(301)
+    assert bridge.again().again(50.0) == []
+    late = bridge.again()
+    assert late.again(51.0) == []
+    late.take_pause("run", False, "anna", 51.5)
+    late.take_token(token(1), 300, 52.0)
+    third = bridge.again()
+    assert third.again(53.0) == []
+    assert list(third.to_send()) == [AskEpoch("run", 300)]
+    assert [type(one) for one in third.told_epoch(AskEpoch("run", 300), 1, 54.0)] == [Begin]
+    assert [type(one) for one in bridge.again().again(55.0)] == [Begin]
+
+
 @pytest.mark.parametrize(("epoch", "outcome"), [(2, ADOPTED), (None, LOST)])
 def test_a_late_bridge_parks_what_it_has(epoch: int | None, outcome: str) -> None:
     bridge = Bridge(301)

@@ -16,7 +16,7 @@ __all__ = ["problems_of"]
 def problems_of(world: World) -> list[str]:
     """All that is wrong with a world that has run."""
     found = _not_over(world) + _twice(world) + _order(world) + _paused(world)
-    if found or _stays_paused(world) or _waits_for_people(world) or world.off.adopted is not None:
+    if found or _stays_paused(world) or _waits_for_people(world) or world.adoptions:
         return found
     return _otherwise(world)
 
@@ -24,8 +24,8 @@ def problems_of(world: World) -> list[str]:
 def _waits_for_people(world: World) -> bool:
     """Whether a bridge is off for good, or its segments are on their way, and nobody can have them adopted."""
     is_gone = world.server_dies_at <= world.now < world.server_is_back_at
-    is_off = world.is_off(world.off.space) and world.off.adopted is None
-    return is_off or (is_gone and world.off.adopted is not None and not world.off.is_done)
+    is_off = any(world.is_off(off.space) and off.adopted is None for off in world.offs)
+    return is_off or (is_gone and any(off.adopted is not None and not off.is_done for off in world.offs))
 
 
 def _stays_paused(world: World) -> bool:
@@ -56,7 +56,7 @@ def _twice(world: World) -> list[str]:
         by_step.setdefault(begun.step, []).append((begun.at, begun.ended or begun.at, begun.fails))
     for step, attempts in by_step.items():
         # Of one that was under way when its bridge went off, nobody knows how it has failed: it is tried once more.
-        more = 0 if world.off.adopted is None else 1
+        more = world.adoptions
         if len(attempts) > 1 + more + retries[step.partition("@")[0]]:
             found.append(f"step {step} was begun {len(attempts)} times")
         for (_, ended, fails), (begun_at, _, _) in pairwise(attempts):

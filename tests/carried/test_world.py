@@ -61,7 +61,8 @@ def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
     assert sum(world.kills for world in carried) >= 60
     assert sum(world.server_dies_at < 900 for world in carried) >= 15
     assert sum(bool(world.still) for world in carried) >= 5
-    assert sum(world.off.is_done for world in carried) >= 5
+    assert sum(world.offs[0].is_done for world in carried) >= 5
+    assert sum(world.adoptions > 1 for world in carried) >= 2
 
 
 def is_found(seeds: int = WRONG, **wrong: Any) -> bool:

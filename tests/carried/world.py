@@ -24,6 +24,7 @@ from ua_fleet.carrying import (
     Part,
     Pause,
     Place,
+    Plan,
     Send,
     SendToken,
     Stop,
@@ -374,24 +375,36 @@ class Bridge:
 
 
 class Off:
-    """A bridge that is off for long, and what a person has the server do then."""
+    """A bridge that is off for long, and what a person has the server do then. `before`: another one was before."""
 
-    def __init__(self, world: World) -> None:
-        random = Random(f"off {world.seed}")
-        self.world, self.random = world, random
-        self.space = random.choice([*world.bridges])
-        self.at = random.choice((END_S * 2, random.uniform(2.0, 30.0))) if len(world.bridges) > 1 else END_S * 2
+    def __init__(self, world: World, before: Off | None = None) -> None:
+        random = Random(f"off {world.seed}" if before is None else f"off again {world.seed}")
+        self.world, self.random, self.before = world, random, before
+        self.epoch: int = 2 if before is None else before.epoch + 1
+        spaces = list(world.bridges if before is None else before.parts)
+        self.space = random.choice(spaces)
+        soon = random.uniform(2.0, 30.0) if before is None else world.now + random.uniform(0.0, 10.0)
+        self.at = random.choice((END_S * 2, soon)) if len(spaces) > 1 else END_S * 2
         self.until = random.choice((END_S * 2, self.at + random.uniform(15.0, 60.0)))
         self.adopted: float | None = None
         """When the person has said it."""
         self.filled: dict[int, tuple[FilledSlot, ...]] = {}
         self.is_done = False
+        self.plan: Plan = world.plan
+        self.parts: Mapping[int, Part] = {}
+        """What the others get."""
+        self.heir = 0
 
     def begin(self) -> None:
         """It is off now."""
         if (bridge := self.world.bridges[self.space]).is_up:
             bridge.die()
         self.world.at(self.until, bridge.rise)
+
+    def is_off(self, space: int) -> bool:
+        """Whether this bridge is off for longer than others are."""
+        is_being_left_out = self.adopted is not None and not self.is_done
+        return space == self.space and (self.at <= self.world.now < self.until or is_being_left_out)
 
     def tick(self) -> None:
         """Each half second of the server: it asks the person, and tells all that are left until they have it."""
@@ -401,10 +414,12 @@ class Off:
             if not is_needed or not self.at + ADOPT_S + 5.0 <= world.now < self.until or victim.is_up:
                 return
             self.adopted = world.now
-            self.heir = self.random.choice([space for space in world.bridges if space != self.space])
-            plan = plan_without(world.plan, self.space, self.heir)
-            self.parts = parts_of(plan, RUN, "made", {}, "x", adopt_after_s=0.0 if world.no_epoch else ADOPT_S, epoch=2)
-            self.facts = self._facts(victim)
+            parts, plan = (world.parts, world.plan) if self.before is None else (self.before.parts, self.before.plan)
+            self.heir = self.random.choice([space for space in parts if space != self.space])
+            self.plan = plan_without(plan, self.space, self.heir)
+            adopt_after_s = 0.0 if world.no_epoch else ADOPT_S
+            self.parts = parts_of(self.plan, RUN, "made", {}, "x", adopt_after_s=adopt_after_s, epoch=self.epoch)
+            self.facts = self._facts(victim, parts[self.space])
         for space, part in self.parts.items():
             if space != self.heir and space not in self.filled:
                 self._tell(world.bridges[space], Adoption(part, self.space, "x"))
@@ -416,7 +431,7 @@ class Off:
         if world.now > self.adopted + 300.0:
             world.is_closing = True
 
-    def _facts(self, victim: Bridge) -> dict[str, tuple[str, ...]]:
+    def _facts(self, victim: Bridge, part: Part) -> dict[str, tuple[str, ...]]:
         """What the server has fetched before it was off, which may not be all; and what robots have done in truth."""
         done = [one.step for one in self.world.robots.begun if not one.fails]
         fetched: list[Fact] = []
@@ -424,7 +439,7 @@ class Off:
             fetched += [decode_fact(line) for line in lines[: self.random.randint(0, len(lines))]]
         fetched.sort(key=lambda fact: fact.at)
         facts: dict[str, tuple[str, ...]] = {}
-        for segment in self.world.parts[self.space].segments.values():
+        for segment in part.segments.values():
             for place, said in adopted_places(segment, fetched, done, self.world.now, "x").items():
                 facts[str(place)] = tuple([encode_fact(fact) for fact in said])
         return facts
@@ -437,6 +452,7 @@ class Off:
             if bridge.space == self.heir and not self.is_done:
                 self.is_done = True  # and the one that was off may be started again
                 world.at(max(world.now, self.until), world.bridges[self.space].rise)
+                world.next_off()
 
         def take() -> None:
             bridge.do(bridge.holder.take_adoption(content, world.now))
@@ -500,7 +516,7 @@ class World:
         self.accepted: set[int] = set()
         self.has_begun = self.is_closing = False
         self.ended_told: set[int] = set()
-        self.off = Off(self)
+        self.offs = [Off(self)]
         token = Token(RUN, next(iter(self.parts.values())).plan_hash, 1, 0, 0)
         self.token = encode_token(token, ())
 
@@ -520,7 +536,7 @@ class World:
         for bridge in self.bridges.values():
             self.at(self.random.uniform(0.0, AGAIN_S), partial(self._each, bridge))
         self.at(0.0, self._server)
-        self.at(self.off.at, self.off.begin)
+        self.at(self.offs[0].at, self.offs[0].begin)
         while self._events and self.now < END_S:
             self.now, _, work = heapq.heappop(self._events)
             work()
@@ -538,13 +554,24 @@ class World:
 
     def is_off(self, space: int) -> bool:
         """Whether a bridge is off for longer than the others are."""
-        off = self.off
-        is_being_left_out = off.adopted is not None and not off.is_done
-        return space == off.space and (off.at <= self.now < off.until or is_being_left_out)
+        return any(off.is_off(space) for off in self.offs)
+
+    @property
+    def adoptions(self) -> int:
+        """How many bridges a person has had left out."""
+        return sum(off.adopted is not None for off in self.offs)
+
+    def next_off(self) -> None:
+        """A bridge was left out: it may be another one's turn."""
+        if len(self.offs) == 1 and len(self.offs[0].parts) > 1:
+            off = Off(self, self.offs[0])
+            self.offs.append(off)
+            self.at(max(self.now, off.at), off.begin)
 
     def rises_at(self, space: int) -> float:
         """When a bridge that has just died is started again."""
-        return max(self.now, self.off.until) if self.is_off(space) else self.now + self.random.uniform(0.5, 15.0)
+        until = [off.until for off in self.offs if off.is_off(space)]
+        return max(self.now, *until) if until else self.now + self.random.uniform(0.5, 15.0)
 
     def _each(self, bridge: Bridge) -> None:
         bridge.tick()
@@ -653,7 +680,7 @@ class World:
                 self._offer(bridge, encode_part(part))
         if self.has_begun and not self.is_closing:
             self._pause()
-            self.off.tick()
+            self.offs[-1].tick()
         if not self.is_closing and not self.has_begun and len(self.accepted) == len(self.parts):
             self._begin(self.bridges[self.plan.segments[0].space])
 

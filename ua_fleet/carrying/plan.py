@@ -116,6 +116,8 @@ class PlanView:
     """The space that says each value, by all names that it has in conditions."""
     hears: Mapping[int, frozenset[int]] = field(default_factory=dict[int, frozenset[int]])
     """The spaces whose values each bridge hears, by its space; of one that is not there nothing is known."""
+    on_demand: frozenset[str] = frozenset()
+    """Names of values that are read only while the server wants them."""
 
 
 class Split(NamedTuple):

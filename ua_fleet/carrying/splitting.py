@@ -122,9 +122,11 @@ class _Splitter:
                 self._problem(step.line, f"at most {MOST_SLOTS} branches are carried, here are {len(branches)}")
             case _:
                 pass
-        for name in sorted(names_at(step)):
-            if split_index(name)[0] in self._view.of_server and name not in self._parameters:
+        for name in sorted(names_at(step) - self._parameters):
+            if split_index(name)[0] in self._view.of_server:
                 self._problem(step.line, f"{name!r} is said by the server, and no bridge has it while that is away")
+            elif split_index(name)[0] in self._view.on_demand:
+                self._problem(step.line, f"{name!r} is read while the server wants it, and not while that is away")
 
     def _space(self, task: Task) -> int | None:
         """Where a task is done: by the robot that it names, or by the first that can do it."""

@@ -470,3 +470,38 @@ async def test_another_bridge_goes_on_for_one_that_is_off_and_that_one_parks_wha
             again = await run_carried(client, "three")
             assert await run_is(client, again, "done", "failed", "aborted") == "done"
             assert ("middle", "two") in plant.told()[4:]
+
+
+@pytest.mark.parametrize("plant", ["automatic"], indirect=True)
+async def test_the_heir_of_a_bridge_is_off_too_and_the_last_one_goes_on(plant: Plant) -> None:
+    mutual(plant)
+
+    def soon(raw: dict[str, Any]) -> None:
+        raw["scenarios"] = {"adopt_after_s": 2.0}
+
+    plant.declare(soon)
+    plant.scenario("three", THREE.replace("work: two", "work: two, seconds: 4"))
+    plant.users()
+    server = plant.server_process()
+    bridges = {robot: plant.bridge(robot) for robot in plant.machines}
+    async with plant.client() as client:
+        await all_heard(client)
+        run_id = await run_carried(client, "three")
+        for count, (robot, heir) in enumerate((("middle", "left_cell"), ("left", "right_cell"))):
+            await until(lambda: _told(plant), lambda told, least=2 + count: len(told) >= least, timeout_s=60)
+            bridges[robot].process.send_signal(signal.SIGKILL)
+            await asyncio.to_thread(bridges[robot].process.wait)
+            offered = f"adopt {run_id} {robot}_cell"
+            await until(lambda: _reason(client, run_id), lambda said, text=offered: text in said, timeout_s=60)
+            called = await call(client, "Scenarios", "Adopt", run_id, f"{robot}_cell", True, texts())
+            assert (called.status, called.outputs) == (0, [heir]), called.message
+    server.process.send_signal(signal.SIGKILL)
+    await asyncio.to_thread(server.process.wait)
+    plant.server_process()
+    async with plant.client() as client:
+        state = await run_is(client, run_id, "done", "failed", "aborted")
+        assert state == "done", await _reason(client, run_id)
+    told = plant.told()
+    assert told[:2] == [("left", "one"), ("middle", "two")]
+    assert {work for _, work in told[2:]} == {"two"}
+    assert told[-1][0] == "right"

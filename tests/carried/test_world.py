@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -13,6 +14,7 @@ from tests.carried.world import World
 from ua_fleet.carrying import Part
 from ua_fleet.carrying.facts import PauseTold
 from ua_fleet.carrying.part import PartSegment, Road
+from ua_fleet.carrying.plan import Segment
 from ua_fleet.scenario.effects import StartTask
 
 FEW: Final = 400
@@ -55,7 +57,16 @@ def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
     worlds = [World(seed) for seed in range(60)]
     carried = [world for world in worlds if not world.problems]
     assert len(carried) >= 45
-    assert sum(any(segment.slots > 1 for segment in world.plan.segments) for world in carried) >= 12
+
+    def have(is_such: Callable[[Segment], bool]) -> int:
+        return sum(any(is_such(segment) for segment in world.plan.segments) for world in carried)
+
+    assert have(lambda one: one.slots > 1 and not one.tells) >= 12
+    assert have(lambda one: bool(one.loops)) >= 6
+    assert have(lambda one: one.slots > 1 and not one.tells and bool(one.loops)) >= 2
+    assert have(lambda one: bool(one.otherwise) and not one.loops) >= 6
+    assert have(lambda one: bool(one.tells)) >= 6
+    assert sum(bool(world.robots.broken) for world in carried) >= 15
     for world in carried:
         world.run()
     assert sum(world.kills for world in carried) >= 60
@@ -87,7 +98,7 @@ def test_a_pause_that_is_not_written_down_is_found() -> None:
 
 
 def test_an_adoption_without_an_epoch_is_found() -> None:
-    assert is_found(no_epoch=True)
+    assert is_found(FEW, no_epoch=True)
 
 
 def test_execution_ids_without_the_round_are_found() -> None:

@@ -103,6 +103,8 @@ class Robots:
     """What all robots do, and have done: nothing of it is lost. They do each execution once, by its id."""
 
     fails: Callable[[str, int], bool]
+    broken: frozenset[str] = frozenset()
+    """Robots with a fault, which begin nothing: another one does what they are to do."""
     identity: Callable[[StartTask, int], str] = lambda effect, _attempt: f"{effect.robot}/{effect.execution_id}"
     begun: list[Begun] = field(default_factory=list[Begun])
     by_id: dict[str, Begun] = field(default_factory=dict[str, Begun])
@@ -151,13 +153,17 @@ class Engine:
                     self.start(run_id, effect)
                 case CancelTask():
                     pass
-                case DecisionNeeded(step=step, robot=robot) if robot and robot_space(robot) in self.gone:
-                    other = next(one for one in ROBOTS if robot_space(one) not in self.gone)
+                case DecisionNeeded(step=step, robot=robot) if robot and not self.works(robot):
+                    other = next(one for one in ROBOTS if self.works(one))
                     self.take(run_id, self.runs[run_id].replaced(step, other, "automatic", self.now()))
                 case DecisionNeeded(step=step):
                     self.take(run_id, self.runs[run_id].not_replaced(step, "nobody else can do it", self.now()))
                 case _:
                     pass
+
+    def works(self, robot: str) -> bool:
+        """Whether a robot can be asked for something."""
+        return robot not in self.robots.broken and robot_space(robot) not in self.gone
 
     def release(self, run_id: str, step: str) -> None:
         """A run needs a robot no more."""
@@ -178,7 +184,7 @@ class Engine:
 
     def start(self, run_id: str, effect: StartTask) -> None:
         """Have a robot begin, and tell its end."""
-        if robot_space(effect.robot) in self.gone:
+        if not self.works(effect.robot):
             self.later(0.0, partial(self.end, run_id, effect, TaskOutcome.FAULT, {}))
             return
         attempt = self.runs[run_id].state.tasks[effect.step].attempt
@@ -498,7 +504,7 @@ class World:
         self.plan = plan
         self.loss = self.random.choice((0.0, 0.3, 0.3))
         self.kill_rate = self.random.choice((0.0, 0.02, 0.08))
-        self.robots = Robots(fails_by(seed))
+        self.robots = Robots(fails_by(seed), broken_by(seed))
         if identity is not None:
             self.robots.identity = identity
         self.parts = parts(parts_of(plan, RUN, "made", {}, "x", adopt_after_s=0.0 if no_epoch else ADOPT_S))
@@ -740,6 +746,12 @@ def fails_by(seed: int) -> Callable[[str, int], bool]:
     return lambda step, tries: zlib.crc32(f"{seed}/{step}/{tries}".encode()) % 100 < 12
 
 
+def broken_by(seed: int) -> frozenset[str]:
+    """Which robots have a fault, likewise."""
+    random = Random(f"broken {seed}")
+    return frozenset(random.sample(list(ROBOTS), random.choice((0, 0, 1, 2))))
+
+
 def orchestrated(scenario: Scenario, seed: int) -> tuple[RunOutcome, dict[str, float]]:
     """How the same run ends where one engine does all of it, and what its tasks gave in each round."""
     events: list[tuple[float, int, Callable[[], None]]] = []
@@ -748,7 +760,7 @@ def orchestrated(scenario: Scenario, seed: int) -> tuple[RunOutcome, dict[str, f
     def later(after_s: float, work: Callable[[], None]) -> None:
         heapq.heappush(events, (now + after_s, next(order), work))
 
-    engine = Engine(Robots(fails_by(seed)), lambda: now, later)
+    engine = Engine(Robots(fails_by(seed), broken_by(seed)), lambda: now, later)
     run = engine.runs[RUN] = Run.create(RUN, scenario, {}, lambda _fact: None, by="x", now=0.0)
     engine.take(RUN, run.poll(said_by_robots, 0.0))
     while run.state.outcome is None:

@@ -390,6 +390,8 @@ class _Carrier:
             self._ground.loop.call_later(1.0, self._segment_ended, end)
             return
         self._storage_problem = ""
+        if self._engine is not None:
+            self._engine.forget([end.run_id])  # it is not begun again
         self._do(effects)
 
     # Time.

@@ -12,7 +12,7 @@ from asyncua.client.client import Client
 
 from tests.integration.scenarios.conftest import Plant, all_heard, call, open_decision, run_is, says, texts, value
 from tests.integration.server_model.harness import ua, until
-from tests.system import Processes
+from tests.system import Child, Processes
 
 THREE = """
   - {task: first, skill: work, robot: left, arguments: {work: one}}
@@ -340,6 +340,15 @@ async def _reason(client: Client, run_id: str) -> str:
     return str(await value(client, f"Scenarios.Runs.{run_id}.Reason"))
 
 
+async def _leave_out(client: Client, run_id: str, robot: str, bridge: Child, heir: str) -> None:
+    """Kill a bridge, and have another one go on for it."""
+    bridge.process.send_signal(signal.SIGKILL)
+    await asyncio.to_thread(bridge.process.wait)
+    await until(lambda: _reason(client, run_id), lambda said: f"adopt {run_id} {robot}_cell" in said, timeout_s=60)
+    called = await call(client, "Scenarios", "Adopt", run_id, f"{robot}_cell", True, texts())
+    assert (called.status, called.outputs) == (0, [heir]), called.message
+
+
 async def _told(plant: Plant) -> list[tuple[str, str]]:
     return plant.told()
 
@@ -487,14 +496,10 @@ async def test_the_heir_of_a_bridge_is_off_too_and_the_last_one_goes_on(plant: P
     async with plant.client() as client:
         await all_heard(client)
         run_id = await run_carried(client, "three")
-        for count, (robot, heir) in enumerate((("middle", "left_cell"), ("left", "right_cell"))):
-            await until(lambda: _told(plant), lambda told, least=2 + count: len(told) >= least, timeout_s=60)
-            bridges[robot].process.send_signal(signal.SIGKILL)
-            await asyncio.to_thread(bridges[robot].process.wait)
-            offered = f"adopt {run_id} {robot}_cell"
-            await until(lambda: _reason(client, run_id), lambda said, text=offered: text in said, timeout_s=60)
-            called = await call(client, "Scenarios", "Adopt", run_id, f"{robot}_cell", True, texts())
-            assert (called.status, called.outputs) == (0, [heir]), called.message
+        await until(lambda: _told(plant), lambda told: len(told) == 2, timeout_s=60)
+        await _leave_out(client, run_id, "middle", bridges["middle"], "left_cell")
+        await until(lambda: _told(plant), lambda told: len(told) == 3, timeout_s=60)
+        await _leave_out(client, run_id, "left", bridges["left"], "right_cell")
     server.process.send_signal(signal.SIGKILL)
     await asyncio.to_thread(server.process.wait)
     plant.server_process()

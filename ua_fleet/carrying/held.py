@@ -82,10 +82,12 @@ class HeldRun:
         return place in self.begun or place in self.over or is_passed or self._is_before(place)
 
     def _is_before(self, place: Place) -> bool:
-        loops = self.part.segments[place.number].loops
+        return self._are_before(self.part.segments[place.number].loops, place.rounds)
+
+    def _are_before(self, loops: tuple[int, ...], rounds: tuple[int, ...]) -> bool:
+        """Whether one of these rounds is over, since the next one of that repetition has begun."""
         return any(
-            place.rounds[depth] < self.rounds.get((loops[: depth + 1], place.rounds[:depth]), 0)
-            for depth in range(len(place.rounds))
+            number < self.rounds.get((loops[: depth + 1], rounds[:depth]), 0) for depth, number in enumerate(rounds)
         )
 
     def take(self, token: Token) -> None:
@@ -111,6 +113,7 @@ class HeldRun:
         for place in gone:
             del self.over[place]
             self.begun.pop(place, None)
+        self.rounds = {key: number for key, number in self.rounds.items() if not self._are_before(*key)}
         if gone:
             self.handed = {key for key in self.handed if key[0] in self.over}
 

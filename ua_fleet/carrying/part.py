@@ -49,6 +49,10 @@ class PartInvalid(ScenarioError):
     remedy = "Run the same version of ua-fleet, with the same fleet.yaml, in the server and in the bridges."
 
 
+_LEAST_OF_A_ROAD: Final = 3
+"""Its segment, slot and space; then what is not empty or 0."""
+
+
 @dataclass(frozen=True, slots=True)
 class Road:
     """Where a token goes, in which round, and which names it has for its slot."""
@@ -185,7 +189,10 @@ def _road(plan: Plan, source: Segment, edge: Edge) -> Road:
 
 
 def _encode_road(road: Road) -> list[Any]:
-    return [road.segment, road.slot, road.space, road.needs, road.kept, road.entered, int(road.is_next)]
+    content = [road.segment, road.slot, road.space, road.needs, road.kept, road.entered, int(road.is_next)]
+    while not content[-1] and len(content) > _LEAST_OF_A_ROAD:
+        content.pop()  # most roads have none of it
+    return content
 
 
 def _encode_segment(segment: PartSegment) -> dict[str, Any]:
@@ -303,7 +310,7 @@ def _decode_roads(data: Any) -> tuple[Road, ...]:
 
 
 def _decode_road(data: Any) -> Road:
-    segment, slot, space, needs, kept, entered, is_next = data
+    segment, slot, space, needs, kept, entered, is_next = (*data, *((), 0, 0, 0)[len(data) - _LEAST_OF_A_ROAD :])
     kept, entered = int(kept), int(entered)
     if not 0 <= kept + entered <= MOST_LOOPS or min(kept, entered) < 0 or (is_next and not kept):
         raise PartInvalid("a token of a part goes into repetitions that there cannot be")

@@ -26,16 +26,19 @@ from ua_fleet.carrying.adoption import (
     Adoption,
     FilledSlot,
     adopted_facts,
+    adopted_places,
     decode_adoption,
     encode_adoption,
     heir_of,
     plan_without,
+    proved_over,
 )
 from ua_fleet.carrying.facts import CarryFact, RunClosed, decode_carry_fact, encode_carry_fact
 from ua_fleet.carrying.holder import ADOPTED, LOST
-from ua_fleet.carrying.part import PartInvalid
+from ua_fleet.carrying.part import PartInvalid, PartSegment
 from ua_fleet.scenario.facts import (
     Fact,
+    IterationStarted,
     StepEnded,
     StepState,
     TaskAccepted,
@@ -225,3 +228,82 @@ def test_what_a_person_says_of_tasks_goes_before_what_was_heard(
     steps = PLAN.segments[1].steps
     heard = [*facts, TaskAccepted(1.0, "0", 1)]
     assert adopted_facts(steps, heard, done, 9.0, "anna") == facts + said
+
+
+LOOP = plan(
+    task("first", "a"),
+    {
+        "repeat": [task("one", "a"), {"if": "one.out > 5", "then": [task("two", "b")], "else": [task("three", "c")]}],
+        "times": 9,
+    },
+    task("last", "b"),
+)
+HEAD, ONE, TWO, THREE = (number for number, one in enumerate(LOOP.segments) if one.loops)
+LAST = LOOP.last
+
+
+def behind(gone: int) -> dict[int, PartSegment]:
+    return dict(parts_of(LOOP, "run", "made", {}, "anna")[gone].segments)
+
+
+def test_a_token_of_a_round_proves_that_the_rounds_before_it_are_over() -> None:
+    proved = proved_over(behind(301), [FilledSlot(HEAD, 0, "", {}, (5,), (HEAD,))])
+    assert proved.passed == {TWO: (4,)}
+    assert proved.over.keys() == {Place(TWO, (4,))}, "whether it was begun in that round, or is not to be"
+    proved = proved_over(behind(300), [FilledSlot(THREE, 0, "", {}, (5,), (HEAD,))])
+    assert proved.passed == {0: (), HEAD: (5,), ONE: (5,)}
+    assert proved.over == {
+        Place(0): ("", True),
+        Place(HEAD, (5,)): ("", True),
+        Place(ONE, (5,)): ("", False),
+    }
+    proved = proved_over(behind(300), [FilledSlot(LAST, 0, "", {})])
+    assert proved.passed == {0: (), HEAD: (), ONE: ()}, "what comes after a repetition proves that all of it is over"
+
+
+def test_the_heir_begins_nothing_of_the_rounds_before() -> None:
+    made = parts_of(plan_without(LOOP, 301, 300), "run", "made", {}, "anna", adopt_after_s=AWAY_S, epoch=2)[300]
+    before = parts_of(LOOP, "run", "made", {}, "anna", adopt_after_s=AWAY_S)[300]
+    holder = Holder(300, list[CarryFact]().append)
+    holder.take_part(encode_part(before), 0.0)
+    for segment, slot_values in ((0, {}), (HEAD, {})):
+        rounds = (5,) if segment == HEAD else ()
+        content = encode_token(Token("run", before.plan_hash, 1, segment, 0, "", slot_values, rounds), ())
+        holder.take_token(content, 0, 1.0)
+    holder.take_adoption(encode_adoption(Adoption(made, 301, "anna"), encode_part(made)), 20.0)
+    held = holder.runs["run"]
+    assert [held.is_known(Place(TWO, (number,))) for number in (3, 4, 5, 6)] == [True, True, False, False]
+    old = Token("run", made.plan_hash, 2, TWO, 0, "", {}, (3,))
+    assert holder.take_token(encode_token(old, ()), 300, 21.0) == []
+    new = Token("run", made.plan_hash, 2, TWO, 0, "", {}, (5,))
+    assert [type(one) for one in holder.take_token(encode_token(new, ()), 300, 22.0)] == [Begin]
+
+
+def test_what_was_heard_is_adopted_by_rounds() -> None:
+    step = next(iter(behind(301)[TWO].body.steps)).key
+    heard: list[Fact] = [
+        replace(ASSIGNED, step=f"{step}@0"),
+        TaskOver(3.0, f"{step}@0", 1, TaskOutcome.DONE, Then.DONE),
+        replace(ASSIGNED, step=f"{step}@2"),
+    ]
+    found = adopted_places(behind(301)[TWO], heard, [f"{step}@1"], 9.0, "anna")
+    assert found == {
+        Place(TWO, (0,)): heard[:2],
+        Place(TWO, (1,)): [StepEnded(9.0, f"{step}@1", StepState.DONE, "anna has said so")],
+        Place(TWO, (2,)): [heard[2], TaskAnswered(9.0, f"{step}@2", Then.RETRY, "anna")],
+    }
+    by_name = adopted_places(behind(301)[TWO], heard, ["two"], 9.0, "anna")
+    assert by_name[Place(TWO, (2,))][-1] == TaskAnswered(9.0, f"{step}@2", Then.DONE, "anna"), "the last round is meant"
+    assert by_name[Place(TWO, (0,))] == heard[:2]
+
+
+def test_what_the_head_of_a_repetition_has_decided_is_adopted() -> None:
+    key = LOOP.segments[HEAD].steps[0].key
+    heard: list[Fact] = [
+        IterationStarted(1.0, key, 0),
+        IterationStarted(2.0, key, 1),
+        StepEnded(3.0, key, StepState.DONE),
+    ]
+    assert adopted_places(behind(300)[HEAD], heard, [], 9.0, "anna") == {
+        Place(HEAD, (number,)): [fact] for number, fact in enumerate(heard)
+    }

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any, Final, NamedTuple
@@ -219,40 +219,57 @@ class Proved(NamedTuple):
 
 def proved_over(segments: Mapping[int, PartSegment], filled: Iterable[FilledSlot]) -> Proved:
     """Who has a token of a segment proves that this segment is over, and all that lead to it, in rounds before, too."""
-    proved, left = Proved({}, {}), list[Place]()
+    proof = _Proof(segments)
+    for slot in filled:
+        proof.take(slot)
+    return proof.proved
 
-    def add(number: int, rounds: tuple[int, ...], failed: str, *, way: bool, is_exact: bool = True) -> None:
-        loops, place, known = len(segments[number].loops), Place(number, rounds), proved.passed.get(number)
-        is_new = is_exact and len(rounds) == loops and place not in proved.over
-        if is_new:
-            proved.over[place] = failed, way
-        if known is None or _padded(rounds, loops) > _padded(known, loops):
-            proved.passed[number] = rounds
-        elif not is_new:
-            return
-        left.append(place)
 
-    def look_before(target: Place, slot: int | None) -> None:
-        """Add what leads to a slot of a segment, or to all of one that is over itself."""
-        for number, segment in segments.items():
+class _Proof:
+    """What follows from tokens."""
+
+    def __init__(self, segments: Mapping[int, PartSegment]) -> None:
+        self._segments, self.proved = segments, Proved({}, {})
+
+    def take(self, slot: FilledSlot) -> None:
+        """Somebody has a token."""
+        left: list[Place] = []
+        for number, segment in self._segments.items():
+            if (before := _round_before(segment.loops, slot)) is not None:
+                self._pass(number, before)
+            road = segment.fails
+            if slot.failed and road is not None and (road.segment, road.slot) == (slot.segment, slot.slot):
+                left += self._add(number, slot.rounds[: road.kept], slot.failed)
+        if not slot.failed:
+            left += self._look_before(Place(slot.segment, slot.rounds), slot.slot)
+        while left:
+            left += self._look_before(left.pop(), None)
+
+    def _look_before(self, target: Place, slot: int | None) -> Iterator[Place]:
+        """Add what leads to a slot of a segment, or to all of one that is over itself; what is new of it."""
+        for number, segment in self._segments.items():
             for road in (*segment.then, *segment.otherwise):
                 rounds = _rounds_before(road, target.rounds)
                 if road.segment == target.number and slot in (None, road.slot) and rounds is not None:
                     is_exact = slot is not None or not road.is_next
-                    add(number, rounds, "", way=road in segment.then, is_exact=is_exact)
+                    yield from self._add(number, rounds, way=road in segment.then, is_exact=is_exact)
 
-    for filling in filled:
-        for number, segment in segments.items():
-            if (before := _round_before(segment.loops, filling)) is not None:
-                add(number, before, "", way=True, is_exact=False)
-            road = segment.fails
-            if filling.failed and road is not None and (road.segment, road.slot) == (filling.segment, filling.slot):
-                add(number, filling.rounds[: road.kept], filling.failed, way=True)
-        if not filling.failed:
-            look_before(Place(filling.segment, filling.rounds), filling.slot)
-    while left:
-        look_before(left.pop(), None)
-    return proved
+    def _add(
+        self, number: int, rounds: tuple[int, ...], failed: str = "", *, way: bool = True, is_exact: bool = True
+    ) -> Iterator[Place]:
+        place, is_new = Place(number, rounds), self._pass(number, rounds)
+        if is_exact and len(rounds) == len(self._segments[number].loops) and place not in self.proved.over:
+            self.proved.over[place], is_new = (failed, way), True
+        if is_new:
+            yield place
+
+    def _pass(self, number: int, rounds: tuple[int, ...]) -> bool:
+        """Know that a segment is over up to these rounds; whether that is new."""
+        loops, known = len(self._segments[number].loops), self.proved.passed.get(number)
+        is_new = known is None or _padded(rounds, loops) > _padded(known, loops)
+        if is_new:
+            self.proved.passed[number] = rounds
+        return is_new
 
 
 def _padded(rounds: tuple[int, ...], loops: int) -> tuple[float, ...]:

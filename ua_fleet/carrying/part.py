@@ -310,7 +310,9 @@ def _decode_roads(data: Any) -> tuple[Road, ...]:
 
 
 def _decode_road(data: Any) -> Road:
-    segment, slot, space, needs, kept, entered, is_next = (*data, *((), 0, 0, 0)[len(data) - _LEAST_OF_A_ROAD :])
+    given: list[Any] = list(data)
+    left_out: list[Any] = [(), 0, 0, 0]
+    segment, slot, space, needs, kept, entered, is_next = given + left_out[len(given) - _LEAST_OF_A_ROAD :]
     kept, entered = int(kept), int(entered)
     if not 0 <= kept + entered <= MOST_LOOPS or min(kept, entered) < 0 or (is_next and not kept):
         raise PartInvalid("a token of a part goes into repetitions that there cannot be")

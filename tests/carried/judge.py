@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise, takewhile
 
 from tests.carried.world import RUN, World, orchestrated
-from ua_fleet.carrying import Place
+from ua_fleet.carrying import SegmentRound
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.facts import TaskAssigned, decode_fact
 from ua_fleet.scenario.model import Condition, Parallel, Repeat, Sequence, Step, Task
@@ -38,7 +38,7 @@ def _stays_paused(world: World) -> bool:
 def _not_over(world: World) -> list[str]:
     if world.is_over or _stays_paused(world) or _waits_for_people(world):
         return []
-    states: dict[int, tuple[str | None, tuple[Place, ...]] | None] = {}
+    states: dict[int, tuple[str | None, tuple[SegmentRound, ...]] | None] = {}
     for space, bridge in world.bridges.items():
         held = bridge.holder.runs.get(RUN)
         states[space] = None if held is None else (held.closed.outcome if held.closed else None, held.active)

@@ -23,8 +23,8 @@ from ua_fleet.carrying import (
     Holder,
     Part,
     Pause,
-    Place,
     Plan,
+    SegmentRound,
     Send,
     SendToken,
     Stop,
@@ -335,7 +335,7 @@ class Bridge:
 
     def begin(self, effect: Begin) -> None:
         """Begin a segment, unless it was begun before."""
-        key, now = segment_run(effect.run_id, Place(effect.segment.number, effect.rounds)), self.world.now
+        key, now = segment_run(effect.run_id, SegmentRound(effect.segment.number, effect.rounds)), self.world.now
         if key in self.engine.runs:
             return
         scenario = segment_scenario("made", effect.segment.body, effect.rounds, effect.values, effect.outside)

@@ -26,7 +26,7 @@ from ua_fleet.carrying.effects import Carry, Stop, fact_before
 from ua_fleet.carrying.held import HeldRun
 from ua_fleet.carrying.holder import ADOPTED, LOST
 from ua_fleet.carrying.segment_scenario import segment_scenario
-from ua_fleet.carrying.token import Place
+from ua_fleet.carrying.token import SegmentRound
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import LocalWireError, ScenarioError, StorageUnavailable
@@ -349,7 +349,7 @@ class _Carrier:
         values = dict(part.parameters) | effect.values
         scenario = segment_scenario(part.scenario, effect.segment.body, effect.rounds, values, effect.outside)
         facts = [decode_fact(line) for line in effect.facts]
-        run_id = segment_run(effect.run_id, Place(effect.segment.number, effect.rounds))
+        run_id = segment_run(effect.run_id, SegmentRound(effect.segment.number, effect.rounds))
         engine.begin_segment(run_id, scenario, part.by, facts)
 
     def _tell_engine(self, engine: SegmentEngine, effect: Stop | Pause) -> None:

@@ -14,7 +14,7 @@ from ua_fleet.carrying.holder import Holder, RunRefused
 from ua_fleet.carrying.part import Part, decode_part, encode_part, parts_of, segment_of, segment_run
 from ua_fleet.carrying.plan import Plan, PlanView, Split
 from ua_fleet.carrying.splitting import split
-from ua_fleet.carrying.token import Place, Token, decode_token, encode_token
+from ua_fleet.carrying.token import SegmentRound, Token, decode_token, encode_token
 
 __all__ = [
     "AskEpoch",
@@ -24,10 +24,10 @@ __all__ = [
     "Holder",
     "Part",
     "Pause",
-    "Place",
     "Plan",
     "PlanView",
     "RunRefused",
+    "SegmentRound",
     "Send",
     "SendEnd",
     "SendToken",

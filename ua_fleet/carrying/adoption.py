@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple
 
 from ua_fleet.carrying.part import MOST_JSON_BYTES, MOST_PART_BYTES, Part, PartInvalid, PartSegment, Road, decode_part
 from ua_fleet.carrying.plan import Plan, PlanView, missing_requestors
-from ua_fleet.carrying.token import Place, Token
+from ua_fleet.carrying.token import SegmentRound, Token
 from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.facts import Fact, IterationStarted, StepEnded, StepState, TaskAnswered, Then
 from ua_fleet.scenario.model import BranchPoint, Task
@@ -135,7 +135,7 @@ def adopted_facts(
 
 def adopted_places(
     segment: PartSegment, facts: Sequence[Fact], done: Collection[str], at: float, by: str
-) -> dict[Place, list[Fact]]:
+) -> dict[SegmentRound, list[Fact]]:
     """The same of a segment for each round of the repetitions around it of which something is known.
 
     A task that the person names without its round is one of the last round.
@@ -148,16 +148,16 @@ def adopted_places(
     told = [name for name in done if name.partition("@")[0] in keys]
     rounds = {there for step in (*heard, *told) if len(there := _rounds_of(step)[:loops]) == loops}
     last = max(rounds, default=(0,) * loops)
-    found: dict[Place, list[Fact]] = {}
+    found: dict[SegmentRound, list[Fact]] = {}
     for each in sorted(rounds | {last}):
         names = done if each == last else [name for name in done if "@" in name]
-        found[Place(segment.number, each)] = adopted_facts(steps, facts, names, at, by, each)
+        found[SegmentRound(segment.number, each)] = adopted_facts(steps, facts, names, at, by, each)
     return found
 
 
-def _decided_rounds(number: int, point: BranchPoint, facts: Sequence[Fact]) -> dict[Place, list[Fact]]:
+def _decided_rounds(number: int, point: BranchPoint, facts: Sequence[Fact]) -> dict[SegmentRound, list[Fact]]:
     """What the head of a repetition has decided."""
-    found: dict[Place, list[Fact]] = {}
+    found: dict[SegmentRound, list[Fact]] = {}
     last: dict[tuple[int, ...], int] = {}
     for fact in facts:
         rounds = _rounds_of(getattr(fact, "step", ""))
@@ -165,9 +165,9 @@ def _decided_rounds(number: int, point: BranchPoint, facts: Sequence[Fact]) -> d
             continue
         if isinstance(fact, IterationStarted):
             last[rounds] = fact.number
-            found[Place(number, (*rounds, fact.number))] = [fact]
+            found[SegmentRound(number, (*rounds, fact.number))] = [fact]
         elif isinstance(fact, StepEnded):
-            found[Place(number, (*rounds, last.get(rounds, -1) + 1))] = [fact]
+            found[SegmentRound(number, (*rounds, last.get(rounds, -1) + 1))] = [fact]
     return found
 
 
@@ -211,7 +211,7 @@ def decode_filled(data: Any) -> tuple[FilledSlot, ...]:
 class Proved(NamedTuple):
     """What tokens prove of the segments of a bridge that is off."""
 
-    over: dict[Place, tuple[str, bool]]
+    over: dict[SegmentRound, tuple[str, bool]]
     """Those that are over, with why they have failed (empty where they have not), and what they have decided."""
     passed: dict[int, tuple[int, ...]]
     """By the number of a segment: it is over in all rounds that begin with these, or with some before them."""
@@ -233,7 +233,7 @@ class _Proof:
 
     def take(self, slot: FilledSlot) -> None:
         """Somebody has a token."""
-        left: list[Place] = []
+        left: list[SegmentRound] = []
         for number, segment in self._segments.items():
             if (before := _round_before(segment.loops, slot)) is not None:
                 self._pass(number, before)
@@ -241,11 +241,11 @@ class _Proof:
             if slot.failed and road is not None and (road.segment, road.slot) == (slot.segment, slot.slot):
                 left += self._add(number, slot.rounds[: road.kept], slot.failed)
         if not slot.failed:
-            left += self._look_before(Place(slot.segment, slot.rounds), slot.slot)
+            left += self._look_before(SegmentRound(slot.segment, slot.rounds), slot.slot)
         while left:
             left += self._look_before(left.pop(), None)
 
-    def _look_before(self, target: Place, slot: int | None) -> Iterator[Place]:
+    def _look_before(self, target: SegmentRound, slot: int | None) -> Iterator[SegmentRound]:
         """Add what leads to a slot of a segment, or to all of one that is over itself; what is new of it."""
         for number, segment in self._segments.items():
             for road in (*segment.then, *segment.otherwise):
@@ -256,8 +256,8 @@ class _Proof:
 
     def _add(
         self, number: int, rounds: tuple[int, ...], failed: str = "", *, way: bool = True, is_exact: bool = True
-    ) -> Iterator[Place]:
-        place, is_new = Place(number, rounds), self._pass(number, rounds)
+    ) -> Iterator[SegmentRound]:
+        place, is_new = SegmentRound(number, rounds), self._pass(number, rounds)
         if is_exact and len(rounds) == len(self._segments[number].loops) and place not in self.proved.over:
             self.proved.over[place], is_new = (failed, way), True
         if is_new:

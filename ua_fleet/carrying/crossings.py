@@ -44,17 +44,17 @@ def crossings_of(scenario: Scenario) -> list[Crossing]:
     return found
 
 
-Place = tuple[tuple[str, int, bool], ...]
+_Around = tuple[tuple[str, int, bool], ...]
 """The steps around a step: their keys, which part of each it is in, and whether parts are side by side."""
 
 
-def _places(step: Step, around: Place) -> Iterator[tuple[str, Place]]:
+def _places(step: Step, around: _Around) -> Iterator[tuple[str, _Around]]:
     yield step.key, around
     for number, part in enumerate(inner_steps(step)):
         yield from _places(part, (*around, (step.key, number, isinstance(step, Parallel))))
 
 
-def _are_beside(one: Place, other: Place) -> bool:
+def _are_beside(one: _Around, other: _Around) -> bool:
     for (key, number, is_parallel), (other_key, other_number, _) in zip(one, other, strict=False):
         if key != other_key:
             return False

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ua_fleet.carrying.part import PartSegment, Road
-from ua_fleet.carrying.token import Place
+from ua_fleet.carrying.token import SegmentRound
 from ua_fleet.scenario import Value
 from ua_fleet.scenario.facts import Fact, RunClosing, RunOutcome, RunPaused, RunResumed
 
@@ -42,7 +42,7 @@ class Tell(NamedTuple):
     """Tell the engine what became of a task of another branch; said again, nothing happens."""
 
     run_id: str
-    place: Place
+    place: SegmentRound
     task: str
     is_done: bool
     """Else it was not done, and will not be."""
@@ -62,7 +62,7 @@ class SendToken(NamedTuple):
     """A token that its target has not acknowledged."""
 
     run_id: str
-    source: Place
+    source: SegmentRound
     road: Road
     content: bytes
 
@@ -87,7 +87,7 @@ class Stop(NamedTuple):
     """Have the engine end what it has of a run."""
 
     run_id: str
-    places: tuple[Place, ...]
+    places: tuple[SegmentRound, ...]
     reason: str
 
 
@@ -95,7 +95,7 @@ class Pause(NamedTuple):
     """Have the engine begin no further task of these segments, or go on with them."""
 
     run_id: str
-    places: tuple[Place, ...]
+    places: tuple[SegmentRound, ...]
     is_paused: bool
     by: str
 

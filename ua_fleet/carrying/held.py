@@ -10,7 +10,7 @@ from ua_fleet.carrying.effects import Begin, Tell
 from ua_fleet.carrying.facts import PauseTold, RunClosed, SegmentOver
 from ua_fleet.carrying.part import Part, Road
 from ua_fleet.carrying.plan import MailSlot
-from ua_fleet.carrying.token import Place, Token, encode_token
+from ua_fleet.carrying.token import SegmentRound, Token, encode_token
 from ua_fleet.scenario import Value
 
 __all__ = ["HeldRun"]
@@ -23,11 +23,11 @@ class HeldRun:
     part: Part
     heard: float
     """When something came of it last, by the wall clock."""
-    tokens: dict[tuple[Place, int], Token] = field(default_factory=dict[tuple[Place, int], Token])
+    tokens: dict[tuple[SegmentRound, int], Token] = field(default_factory=dict[tuple[SegmentRound, int], Token])
     """By segment, round and slot."""
-    begun: dict[Place, float] = field(default_factory=dict[Place, float])
-    over: dict[Place, SegmentOver] = field(default_factory=dict[Place, SegmentOver])
-    handed: set[tuple[Place, int, int]] = field(default_factory=set[tuple[Place, int, int]])
+    begun: dict[SegmentRound, float] = field(default_factory=dict[SegmentRound, float])
+    over: dict[SegmentRound, SegmentOver] = field(default_factory=dict[SegmentRound, SegmentOver])
+    handed: set[tuple[SegmentRound, int, int]] = field(default_factory=set[tuple[SegmentRound, int, int]])
     """Segment that is over, and the segment and slot of each token of it that its target has."""
     pause: PauseTold | None = None
     """What was said last, where anything was."""
@@ -50,7 +50,7 @@ class HeldRun:
     """The newest round of each repetition, by the heads and the rounds of those around it."""
 
     @property
-    def active(self) -> tuple[Place, ...]:
+    def active(self) -> tuple[SegmentRound, ...]:
         """The segments that are under way."""
         return tuple(place for place in self.begun if place not in self.over)
 
@@ -75,13 +75,13 @@ class HeldRun:
 
     # Tokens.
 
-    def is_known(self, place: Place) -> bool:
+    def is_known(self, place: SegmentRound) -> bool:
         """Whether a segment was begun or is over in this round, or in one after it."""
         bound = self.passed.get(place.number)
         is_passed = bound is not None and place.rounds[: len(bound)] <= bound
         return place in self.begun or place in self.over or is_passed or self._is_before(place)
 
-    def _is_before(self, place: Place) -> bool:
+    def _is_before(self, place: SegmentRound) -> bool:
         return self._are_before(self.part.segments[place.number].loops, place.rounds)
 
     def _are_before(self, loops: tuple[int, ...], rounds: tuple[int, ...]) -> bool:
@@ -117,7 +117,7 @@ class HeldRun:
         if gone:
             self.handed = {key for key in self.handed if key[0] in self.over}
 
-    def values(self, place: Place) -> dict[str, Value]:
+    def values(self, place: SegmentRound) -> dict[str, Value]:
         """The results that the tokens of a segment hold."""
         values: dict[str, Value] = {}
         for slot in range(self.part.segments[place.number].slots):
@@ -126,7 +126,7 @@ class HeldRun:
                 values |= token.values
         return values
 
-    def begin(self, place: Place) -> Begin:
+    def begin(self, place: SegmentRound) -> Begin:
         """What the engine is to run."""
         part = self.part
         segment = part.segments[place.number]
@@ -134,16 +134,16 @@ class HeldRun:
         facts = next((one.facts[str(place)] for one in self.adoptions if str(place) in one.facts), ())
         return Begin(part.run_id, segment, place.rounds, self.values(place), outside, facts)
 
-    def tells(self, place: Place) -> list[Tell]:
+    def tells(self, place: SegmentRound) -> list[Tell]:
         """What a segment hears of other branches, as far as it is known."""
         return [tell for heard in self.part.segments[place.number].hears for tell in self._tell(place, *heard)]
 
-    def hearers(self, mailbox: int) -> list[Place]:
+    def hearers(self, mailbox: int) -> list[SegmentRound]:
         """The segments under way that hear what comes to a mailbox."""
         segments = self.part.segments
         return [place for place in self.active if mailbox in [one.mailbox for one in segments[place.number].hears]]
 
-    def _tell(self, place: Place, mailbox: int, loops: int) -> Iterator[Tell]:
+    def _tell(self, place: SegmentRound, mailbox: int, loops: int) -> Iterator[Tell]:
         """The newest that has come in the same rounds of the repetitions around both."""
         there = [
             (slot == MailSlot.DONE, at.rounds, token)
@@ -155,7 +155,7 @@ class HeldRun:
             results = {name.partition(".")[2]: value for name, value in token.values.items()}
             yield Tell(self.part.run_id, place, self.part.segments[mailbox].tells, is_done, results)
 
-    def roads(self, place: Place, over: SegmentOver) -> tuple[Road, ...]:
+    def roads(self, place: SegmentRound, over: SegmentOver) -> tuple[Road, ...]:
         """Where tokens go from a segment that is over; nowhere from the last one."""
         segment = self.part.segments[place.number]
         if over.ends:
@@ -164,7 +164,7 @@ class HeldRun:
             return (*(() if segment.fails is None else (segment.fails,)), *segment.lost)
         return segment.then if over.way else segment.otherwise
 
-    def token(self, place: Place, over: SegmentOver, road: Road) -> bytes:
+    def token(self, place: SegmentRound, over: SegmentOver, road: Road) -> bytes:
         """The token for one of them; raises TokenInvalid where a result does not fit."""
         part, there = self.part, road.place(place.rounds)
         values = {name: over.results[name] for name in road.needs if name in over.results}
@@ -202,6 +202,6 @@ class HeldRun:
             self.over[place] = SegmentOver(
                 at, self.part.run_id, place.number, failed, results, rounds=place.rounds, way=way
             )
-        first = Place(0)
+        first = SegmentRound(0)
         if 0 in adopted and (first, 0) not in self.tokens:
             self.tokens[first, 0] = Token(self.part.run_id, self.part.plan_hash, self.part.epoch, 0, 0)

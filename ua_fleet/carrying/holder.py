@@ -38,7 +38,7 @@ from ua_fleet.carrying.facts import (
 )
 from ua_fleet.carrying.held import HeldRun
 from ua_fleet.carrying.part import PartInvalid, decode_part
-from ua_fleet.carrying.token import WHOLE, Place, TokenInvalid, decode_token
+from ua_fleet.carrying.token import WHOLE, SegmentRound, TokenInvalid, decode_token
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Value
 from ua_fleet.topics import SERVER_SPACE
@@ -221,7 +221,7 @@ class Holder:
     def segment_ended(
         self,
         run_id: str,
-        place: Place,
+        place: SegmentRound,
         now: float,
         *,
         failed: str = "",
@@ -369,7 +369,7 @@ class Holder:
 
     # Within.
 
-    def _go_on(self, held: HeldRun, place: Place, now: float) -> list[Carry]:
+    def _go_on(self, held: HeldRun, place: SegmentRound, now: float) -> list[Carry]:
         """Begin a segment once all of its slots are filled."""
         segment = held.part.segments[place.number]
         if held.is_known(place) or held.closed is not None:
@@ -409,7 +409,7 @@ class Holder:
                 effects += self._go_on(held, place, now)
         return effects
 
-    def _after(self, held: HeldRun, place: Place, now: float) -> list[Carry]:
+    def _after(self, held: HeldRun, place: SegmentRound, now: float) -> list[Carry]:
         """What follows from the end of a segment here; tokens for others are in `to_send`."""
         over, effects = held.over[place], list[Carry]()
         roads = held.roads(place, over)
@@ -424,7 +424,7 @@ class Holder:
         return effects
 
     @staticmethod
-    def _unfit(held: HeldRun, place: Place, over: SegmentOver) -> str:
+    def _unfit(held: HeldRun, place: SegmentRound, over: SegmentOver) -> str:
         """Why a token of a segment cannot be made; empty where it can."""
         try:
             for road in held.roads(place, over):
@@ -465,11 +465,11 @@ class Holder:
                 token = decode_token(bytes.fromhex(fact.content), names)
                 held.take(token)
             case SegmentBegun():
-                held.begun[Place(fact.segment, fact.rounds)] = fact.at
+                held.begun[SegmentRound(fact.segment, fact.rounds)] = fact.at
             case SegmentOver():
-                held.over[Place(fact.segment, fact.rounds)] = fact
+                held.over[SegmentRound(fact.segment, fact.rounds)] = fact
             case HandedOver():
-                held.handed.add((Place(fact.segment, fact.rounds), fact.target, fact.slot))
+                held.handed.add((SegmentRound(fact.segment, fact.rounds), fact.target, fact.slot))
             case RunClosed():
                 held.closed = fact
             case EndTold():

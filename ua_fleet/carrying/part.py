@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from ua_fleet.carrying.fragments import decode_step, encode_step
 from ua_fleet.carrying.plan import Edge, Hearing, Plan, Segment
-from ua_fleet.carrying.token import HASH_BYTES, MOST_LOOPS, MOST_RUN_ID, WHOLE, Place
+from ua_fleet.carrying.token import HASH_BYTES, MOST_LOOPS, MOST_RUN_ID, WHOLE, SegmentRound
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.model import Sequence, Task
@@ -68,10 +68,10 @@ class Road:
     is_next: bool = False
     """Whether it begins the next round of the inmost that is kept."""
 
-    def place(self, rounds: tuple[int, ...]) -> Place:
+    def place(self, rounds: tuple[int, ...]) -> SegmentRound:
         """Where a token goes from a segment in these rounds."""
         there = rounds[: self.kept] + (0,) * self.entered
-        return Place(self.segment, (*there[:-1], there[-1] + 1) if self.is_next else there)
+        return SegmentRound(self.segment, (*there[:-1], there[-1] + 1) if self.is_next else there)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,15 +120,15 @@ class Part:
         return frozenset([task.robot for task in tasks if task.robot is not None])
 
 
-def segment_run(run_id: str, place: Place) -> str:
+def segment_run(run_id: str, place: SegmentRound) -> str:
     """The id under which the engine of a bridge runs a segment in one round: execution ids follow from it."""
     return f"{run_id}.{place}"
 
 
-def segment_of(segment_run_id: str) -> tuple[str, Place]:
+def segment_of(segment_run_id: str) -> tuple[str, SegmentRound]:
     """The run, and the segment in one round, of such an id."""
     run_id, _, place = segment_run_id.rpartition(".")
-    return run_id, Place.parse(place)
+    return run_id, SegmentRound.parse(place)
 
 
 def parts_of(

@@ -35,7 +35,7 @@ __all__ = [
     "MOST_TEXT_BYTES",
     "MOST_TOKEN_BYTES",
     "WHOLE",
-    "Place",
+    "SegmentRound",
     "Token",
     "TokenInvalid",
     "decode_token",
@@ -69,7 +69,7 @@ class TokenInvalid(ScenarioError):
     remedy = "Run the same version of ua-fleet in all bridges; see which one sends it."
 
 
-class Place(NamedTuple):
+class SegmentRound(NamedTuple):
     """A segment in one round of the repetitions around it. It is begun once."""
 
     number: int
@@ -82,7 +82,7 @@ class Place(NamedTuple):
         return f"{self.number}{''.join(f'@{number}' for number in self.rounds)}"
 
     @classmethod
-    def parse(cls, text: str) -> Place:
+    def parse(cls, text: str) -> SegmentRound:
         """The place of such a text; raises ValueError."""
         number, *rounds = text.split("@")
         return cls(int(number), tuple(map(int, rounds)))
@@ -103,9 +103,9 @@ class Token:
     rounds: tuple[int, ...] = ()
 
     @property
-    def place(self) -> Place:
+    def place(self) -> SegmentRound:
         """The segment that it is for, and in which round."""
-        return Place(self.segment, self.rounds)
+        return SegmentRound(self.segment, self.rounds)
 
 
 def most_bytes(kinds: Iterable[int], loops: int = 0) -> int:

@@ -13,8 +13,8 @@ from ua_fleet.carrying import (
     Gone,
     Holder,
     Part,
-    Place,
     RunRefused,
+    SegmentRound,
     SendToken,
     Stop,
     Token,
@@ -92,7 +92,7 @@ def test_the_first_bridge_that_all_take_actions_of_is_the_heir() -> None:
 def test_the_heir_goes_on_from_its_own_results_and_what_was_heard() -> None:
     bridge = Bridge(300)
     bridge.holder.take_token(token(0), 0, 1.0)
-    bridge.holder.segment_ended("run", Place(0), 2.0, results={"one.out": 5.0})
+    bridge.holder.segment_ended("run", SegmentRound(0), 2.0, results={"one.out": 5.0})
     (sent,) = bridge.holder.to_send()
     assert isinstance(sent, SendToken)
     bridge.holder.handed_over(sent, 3.0)
@@ -189,7 +189,7 @@ def test_a_late_bridge_parks_what_it_has(epoch: int | None, outcome: str) -> Non
     late.again(50.0)
     (stop,) = late.told_epoch(AskEpoch("run", 300), epoch, 51.0)
     assert isinstance(stop, Stop)
-    assert stop.places == (Place(1),)
+    assert stop.places == (SegmentRound(1),)
     closed = bridge.facts[-1]
     assert isinstance(closed, RunClosed)
     assert closed.outcome == outcome
@@ -199,7 +199,7 @@ def test_a_late_bridge_parks_what_it_has(epoch: int | None, outcome: str) -> Non
 def test_a_bridge_whose_token_is_refused_asks_why() -> None:
     bridge = Bridge(300)
     bridge.holder.take_token(token(0), 0, 1.0)
-    bridge.holder.segment_ended("run", Place(0), 2.0, results={"one.out": 5.0})
+    bridge.holder.segment_ended("run", SegmentRound(0), 2.0, results={"one.out": 5.0})
     (sent,) = bridge.holder.to_send()
     assert isinstance(sent, SendToken)
     bridge.holder.refused(sent)
@@ -249,13 +249,13 @@ def behind(gone: int) -> dict[int, PartSegment]:
 def test_a_token_of_a_round_proves_that_the_rounds_before_it_are_over() -> None:
     proved = proved_over(behind(301), [FilledSlot(HEAD, 0, "", {}, (5,), (HEAD,))])
     assert proved.passed == {TWO: (4,)}
-    assert proved.over.keys() == {Place(TWO, (4,))}, "whether it was begun in that round, or is not to be"
+    assert proved.over.keys() == {SegmentRound(TWO, (4,))}, "whether it was begun in that round, or is not to be"
     proved = proved_over(behind(300), [FilledSlot(THREE, 0, "", {}, (5,), (HEAD,))])
     assert proved.passed == {0: (), HEAD: (5,), ONE: (5,)}
     assert proved.over == {
-        Place(0): ("", True),
-        Place(HEAD, (5,)): ("", True),
-        Place(ONE, (5,)): ("", False),
+        SegmentRound(0): ("", True),
+        SegmentRound(HEAD, (5,)): ("", True),
+        SegmentRound(ONE, (5,)): ("", False),
     }
     proved = proved_over(behind(300), [FilledSlot(LAST, 0, "", {})])
     assert proved.passed == {0: (), HEAD: ()}, "what comes after a repetition proves that it begins no further round"
@@ -270,7 +270,7 @@ def test_the_heir_begins_nothing_of_the_rounds_before() -> None:
         holder.take_token(encode_token(Token("run", before.plan_hash, 1, segment, 0, rounds=rounds), ()), 0, 1.0)
     holder.take_adoption(encode_adoption(Adoption(made, 301, "anna"), encode_part(made)), 20.0)
     held = holder.runs["run"]
-    assert [held.is_known(Place(TWO, (number,))) for number in (3, 4, 5, 6)] == [True, True, False, False]
+    assert [held.is_known(SegmentRound(TWO, (number,))) for number in (3, 4, 5, 6)] == [True, True, False, False]
     old = Token("run", made.plan_hash, 2, TWO, 0, "", {}, (3,))
     assert holder.take_token(encode_token(old, ()), 300, 21.0) == []
     new = Token("run", made.plan_hash, 2, TWO, 0, "", {}, (5,))
@@ -286,13 +286,15 @@ def test_what_was_heard_is_adopted_by_rounds() -> None:
     ]
     found = adopted_places(behind(301)[TWO], heard, [f"{step}@1"], 9.0, "anna")
     assert found == {
-        Place(TWO, (0,)): heard[:2],
-        Place(TWO, (1,)): [StepEnded(9.0, f"{step}@1", StepState.DONE, "anna has said so")],
-        Place(TWO, (2,)): [heard[2], TaskAnswered(9.0, f"{step}@2", Then.RETRY, "anna")],
+        SegmentRound(TWO, (0,)): heard[:2],
+        SegmentRound(TWO, (1,)): [StepEnded(9.0, f"{step}@1", StepState.DONE, "anna has said so")],
+        SegmentRound(TWO, (2,)): [heard[2], TaskAnswered(9.0, f"{step}@2", Then.RETRY, "anna")],
     }
     by_name = adopted_places(behind(301)[TWO], heard, ["two"], 9.0, "anna")
-    assert by_name[Place(TWO, (2,))][-1] == TaskAnswered(9.0, f"{step}@2", Then.DONE, "anna"), "the last round is meant"
-    assert by_name[Place(TWO, (0,))] == heard[:2]
+    assert by_name[SegmentRound(TWO, (2,))][-1] == TaskAnswered(9.0, f"{step}@2", Then.DONE, "anna"), (
+        "the last round is meant"
+    )
+    assert by_name[SegmentRound(TWO, (0,))] == heard[:2]
 
 
 def test_what_the_head_of_a_repetition_has_decided_is_adopted() -> None:
@@ -303,5 +305,5 @@ def test_what_the_head_of_a_repetition_has_decided_is_adopted() -> None:
         StepEnded(3.0, key, StepState.DONE),
     ]
     assert adopted_places(behind(300)[HEAD], heard, [], 9.0, "anna") == {
-        Place(HEAD, (number,)): [fact] for number, fact in enumerate(heard)
+        SegmentRound(HEAD, (number,)): [fact] for number, fact in enumerate(heard)
     }

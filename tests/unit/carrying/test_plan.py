@@ -14,7 +14,7 @@ from ua_fleet.carrying.fragments import FragmentInvalid, decode_step, encode_ste
 from ua_fleet.carrying.part import PartInvalid, Road
 from ua_fleet.carrying.plan import Edge, Hearing, MailSlot, Plan
 from ua_fleet.carrying.segment_scenario import decode_scenario, segment_scenario
-from ua_fleet.carrying.token import WHOLE, Place
+from ua_fleet.carrying.token import WHOLE, SegmentRound
 from ua_fleet.fleet.skills import ArgumentModel, SkillModel
 from ua_fleet.scenario import FleetView, RobotView, scenario_of
 from ua_fleet.scenario.model import BranchPoint, Task
@@ -126,11 +126,11 @@ def test_what_is_repeated_over_bridges_has_a_head_that_begins_each_round() -> No
         one.number: one for part in parts_of(found, "run", "made", {}, "x").values() for one in part.segments.values()
     }
     assert [roads[0].then[0].place(()), roads[3].then[0].place((4,)), roads[1].otherwise[0].place((3,))] == [
-        Place(1, (0,)),
-        Place(1, (5,)),
-        Place(4, ()),
+        SegmentRound(1, (0,)),
+        SegmentRound(1, (5,)),
+        SegmentRound(4, ()),
     ]
-    assert Road(7, 0, 300, (), 1, 1).place((2, 9)) == Place(7, (2, 0))
+    assert Road(7, 0, 300, (), 1, 1).place((2, 9)) == SegmentRound(7, (2, 0))
 
 
 def test_results_of_the_round_before_travel_where_they_are_read_and_no_others() -> None:

@@ -36,48 +36,97 @@ class _Writer:
     def __init__(self, random: Random) -> None:
         self._random, self._count = random, 0
 
-    def task(self, known: list[str], robots: list[str]) -> dict[str, Any]:
+    def task(self, known: list[str], robots: list[str], beside: list[str] | None = None) -> dict[str, Any]:
+        """A task that may read results of those that are known; or come after one that is done beside it."""
         self._count += 1
         random = self._random
         task: dict[str, Any] = {"task": f"t{self._count}", "skill": "work", "robot": random.choice(robots)}
-        if known and random.random() < 0.6:
+        if beside and random.random() < 0.4:
+            before = random.choice(beside)
+            task["after"] = [before]
+            if random.random() < 0.5:
+                task["arguments"] = {"x": f"={before}.out + 2"}
+        elif known and random.random() < 0.6:
             task["arguments"] = {"x": f"={random.choice(known)}.out + 1"}
         if random.random() < 0.3:
             task["retries"] = random.randint(1, 2)
         return task
 
-    def steps(self, known: list[str], robots: list[str], depth: int) -> list[dict[str, Any]]:
-        """Steps whose tasks may read the results of those that are known, to which it adds its own."""
+    def steps(
+        self, known: list[str], robots: list[str], depth: int, beside: list[str] | None = None
+    ) -> list[dict[str, Any]]:
+        """Steps whose tasks may read the results of those that are known, to which it adds its own.
+
+        Args:
+            known: tasks that are done before.
+            robots: that do them.
+            depth: of steps within each other.
+            beside: tasks of other branches that are done, whatever way theirs take.
+        """
         made: list[dict[str, Any]] = []
         for _ in range(self._random.randint(1, 3)):
             kind = self._random.choice(("task", "task", "task", "parallel", "if", "repeat", "wait"))
             if kind == "parallel" and depth:
-                branches = [list(known) for _ in range(self._random.randint(2, 3))]
-                made.append({"parallel": [self.steps(branch, robots, depth - 1) for branch in branches]})
-                for branch in branches:
-                    known += [name for name in branch if name not in known]
-            elif kind == "if" and known and depth:
-                local = self._local(robots)
-                then, other = self.steps(list(known), local, 0), self.steps(list(known), local, 0)
-                made.append({"if": f"{self._random.choice(known)}.out > 50", "then": then, "else": other})
+                made.append(self._parallel(known, robots, depth, beside))
+            elif kind == "if" and depth:
+                some = self._some(robots)
+                then = self.steps(list(known), some, depth - 1, beside)
+                step = {"if": self._condition(known), "then": then}
+                if self._random.random() < 0.7:
+                    step["else"] = self.steps(list(known), some, depth - 1, beside)
+                made.append(step)
             elif kind == "repeat" and depth:
-                made.append({"repeat": [self.task(list(known), self._local(robots))], "times": 2})
+                made.append(self._repeat(known, robots, depth, beside))
             elif kind == "wait":
                 made.append({"wait": 0.5})
             else:
-                task = self.task(known, robots)
+                task = self.task(known, robots, beside)
                 known.append(task["task"])
                 made.append(task)
         return made
 
-    def _local(self, robots: list[str]) -> list[str]:
-        """The robots of one bridge."""
+    def _parallel(self, known: list[str], robots: list[str], depth: int, beside: list[str] | None) -> dict[str, Any]:
+        branches: list[list[dict[str, Any]]] = []
+        done, others = list(known), list(beside or [])
+        for _ in range(self._random.randint(2, 3)):
+            own = list(known)
+            branches.append(self.steps(own, robots, depth - 1, others))
+            others += [step["task"] for step in branches[-1] if "task" in step]
+            done += [name for name in own if name not in done]
+        known[:] = done
+        self._random.shuffle(branches)
+        return {"parallel": branches}
+
+    def _repeat(self, known: list[str], robots: list[str], depth: int, beside: list[str] | None) -> dict[str, Any]:
+        times, is_sure = self._random.randint(1, 3), self._random.random() < 0.6
+        within = list(known)
+        body = self.steps(within, self._some(robots), depth - 1, beside)
+        if not any("task" in step for step in body):
+            body.append({"wait": 0.1})  # each round has to take some time
+        step: dict[str, Any] = {"repeat": body, "times": times}
+        if is_sure:
+            known[:] = within
+        else:
+            step["while"] = self._condition(known)
+        return step
+
+    def _condition(self, known: list[str]) -> str:
+        """About a result, or a value of a robot, which may be one of another bridge."""
+        random = self._random
+        if known and random.random() < 0.5:
+            return f"{random.choice(known)}.out > {random.choice((20, 50))}"
+        return f"{random.choice(list(ROBOTS))}.level > {random.choice((20, 50))}"
+
+    def _some(self, robots: list[str]) -> list[str]:
+        """All robots, or those of one bridge."""
+        if self._random.random() < 0.7:
+            return robots
         space = robot_space(self._random.choice(robots))
         return [robot for robot in robots if robot_space(robot) == space]
 
 
 def scenario_by(random: Random) -> Scenario:
-    """A scenario with at least one task; about half of those of a hundred seeds fork."""
+    """A scenario with at least one task; most have tasks of several bridges within forks, conditions or repetitions."""
     writer = _Writer(random)
     known: list[str] = []
     steps = [writer.task(known, list(ROBOTS))]

@@ -23,27 +23,31 @@ from ua_fleet.carrying import (
     Holder,
     Part,
     Pause,
+    Plan,
+    SegmentRound,
     Send,
     SendToken,
     Stop,
+    Tell,
     Token,
     decode_token,
     encode_part,
     encode_token,
     parts_of,
+    segment_of,
+    segment_run,
     split,
 )
 from ua_fleet.carrying.adoption import (
     Adoption,
     FilledSlot,
-    adopted_facts,
+    adopted_places,
     encode_adoption,
-    filled_slots,
     plan_without,
 )
 from ua_fleet.carrying.effects import Carry, fact_before
 from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
-from ua_fleet.carrying.fragments import decode_scenario, segment_scenario
+from ua_fleet.carrying.segment_scenario import decode_scenario, segment_scenario, way_taken
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Run, Scenario, Value, ValueUnknown
 from ua_fleet.scenario.effects import CancelTask, DecisionNeeded, Effect, ReleaseRobot, StartTask, WantRobot
@@ -68,13 +72,16 @@ class Killed(Exception):
     """A process ends at a write."""
 
 
-def _unknown(name: str) -> Value:
+def said_by_robots(name: str) -> Value:
+    """The values of robots, which stay what they are: every robot has a level from 0 to 99."""
+    if name.partition(".")[2] == "level":
+        return float(zlib.crc32(name.encode()) % 100)
     raise ValueUnknown(f"{name} is not known")
 
 
-def result_of(task: str, arguments: Mapping[str, Value]) -> float:
-    """What a task gives: something of its own and of its argument, from 0 to 99."""
-    return float(zlib.crc32(f"{task}/{float(arguments.get('x', 0.0)):g}".encode()) % 100)
+def result_of(step: str, arguments: Mapping[str, Value]) -> float:
+    """What a task gives: something of its own, of its round and of its argument, from 0 to 99."""
+    return float(zlib.crc32(f"{step}/{float(arguments.get('x', 0.0)):g}".encode()) % 100)
 
 
 @dataclass
@@ -96,16 +103,18 @@ class Robots:
     """What all robots do, and have done: nothing of it is lost. They do each execution once, by its id."""
 
     fails: Callable[[str, int], bool]
-    identity: Callable[[StartTask], str] = lambda effect: f"{effect.robot}/{effect.execution_id}"
+    broken: frozenset[str] = frozenset()
+    """Robots with a fault, which begin nothing: another one does what they are to do."""
+    identity: Callable[[StartTask, int], str] = lambda effect, _attempt: f"{effect.robot}/{effect.execution_id}"
     begun: list[Begun] = field(default_factory=list[Begun])
     by_id: dict[str, Begun] = field(default_factory=dict[str, Begun])
 
-    def begin(self, effect: StartTask, now: float) -> Begun:
+    def begin(self, effect: StartTask, attempt: int, now: float) -> Begun:
         """Begin an execution, or find what is known of it."""
-        key = self.identity(effect)
+        key = self.identity(effect, attempt)
         if key not in self.by_id:
             tries = sum(1 for one in self.begun if one.step == effect.step)
-            result = result_of(effect.task, effect.arguments)
+            result = result_of(effect.step, effect.arguments)
             made = Begun(now, effect.robot, effect.step, effect.task, key, self.fails(effect.step, tries), result)
             self.by_id[key] = made
             self.begun.append(made)
@@ -118,6 +127,7 @@ class Engine:
     def __init__(self, robots: Robots, now: Callable[[], float], later: Callable[[float, Callable[[], None]], None]):
         self.robots, self.now, self.later = robots, now, later
         self.runs: dict[str, Run] = {}
+        self.scenarios: dict[str, Scenario] = {}
         self.waiting: dict[str, list[tuple[str, str]]] = {}
         self.has: dict[str, tuple[str, str]] = {}
         self.gone: set[int] = set()
@@ -143,13 +153,17 @@ class Engine:
                     self.start(run_id, effect)
                 case CancelTask():
                     pass
-                case DecisionNeeded(step=step, robot=robot) if robot and robot_space(robot) in self.gone:
-                    other = next(one for one in ROBOTS if robot_space(one) not in self.gone)
+                case DecisionNeeded(step=step, robot=robot) if robot and not self.works(robot):
+                    other = next(one for one in ROBOTS if self.works(one))
                     self.take(run_id, self.runs[run_id].replaced(step, other, "automatic", self.now()))
                 case DecisionNeeded(step=step):
                     self.take(run_id, self.runs[run_id].not_replaced(step, "nobody else can do it", self.now()))
                 case _:
                     pass
+
+    def works(self, robot: str) -> bool:
+        """Whether a robot can be asked for something."""
+        return robot not in self.robots.broken and robot_space(robot) not in self.gone
 
     def release(self, run_id: str, step: str) -> None:
         """A run needs a robot no more."""
@@ -170,10 +184,11 @@ class Engine:
 
     def start(self, run_id: str, effect: StartTask) -> None:
         """Have a robot begin, and tell its end."""
-        if robot_space(effect.robot) in self.gone:
+        if not self.works(effect.robot):
             self.later(0.0, partial(self.end, run_id, effect, TaskOutcome.FAULT, {}))
             return
-        begun = self.robots.begin(effect, self.now())
+        attempt = self.runs[run_id].state.tasks[effect.step].attempt
+        begun = self.robots.begin(effect, attempt, self.now())
         took_s = 0.2 + zlib.crc32(begun.execution.encode()) % 30 / 10
         begun.ended = begun.ended or begun.at + took_s
 
@@ -191,7 +206,7 @@ class Engine:
         """Time has passed."""
         for run_id, run in list(self.runs.items()):
             if run.state.outcome is None:
-                self.take(run_id, run.poll(_unknown, self.now()))
+                self.take(run_id, run.poll(said_by_robots, self.now()))
 
 
 class Bridge:
@@ -237,16 +252,17 @@ class Bridge:
             if isinstance(effect, Gone):
                 self.engine.gone.add(effect.space)
             if isinstance(effect, Stop | Pause):
-                for number in effect.segments:
-                    if lines := self.segments.get(f"{RUN}.{number}"):
+                for place in effect.places:
+                    if lines := self.segments.get(segment_run(RUN, place)):
                         self.write(lines, encode_fact(fact_before(effect, self.world.now)))
         for run_id, lines in list(self.segments.items()):
             if lines:
                 facts = [decode_fact(line) for line in lines]
                 scenario = decode_scenario(getattr(facts[0], "text"))  # noqa: B009 - the first fact is RunCreated
                 self.engine.runs[run_id] = Run.restore(scenario, facts, self.journal_of(run_id))
+                self.engine.scenarios[run_id] = scenario
         for run_id, run in self.engine.runs.items():
-            self.engine.take(run_id, run.again(_unknown, self.world.now))
+            self.engine.take(run_id, run.again(said_by_robots, self.world.now))
 
     def note(self, fact: CarryFact) -> None:
         """The journal of the holder."""
@@ -296,44 +312,57 @@ class Bridge:
             match effect:
                 case Gone(space=space):
                     self.engine.gone.add(space)
-                case Begin(run_id=run_id, segment=segment, values=values, facts=facts):
-                    key = f"{run_id}.{segment.number}"
-                    if key not in self.engine.runs:
-                        scenario = segment_scenario("made", segment.body, values)
-                        given = {one.name: one.default for one in scenario.parameters if one.default is not None}
-                        known: list[Fact] = []
-                        Run.create(key, scenario, given, known.append, by="x", now=self.world.now)
-                        known += [decode_fact(line) for line in facts]
-                        self.write(self.segments.setdefault(key, []), *[encode_fact(fact) for fact in known])
-                        run = self.engine.runs[key] = Run.restore(scenario, known, self.journal_of(key))
-                        self.engine.take(key, run.again(_unknown, self.world.now))
-                        self.engine.take(key, run.poll(_unknown, self.world.now))
-                case Pause(run_id=run_id, segments=segments, is_paused=is_paused):
-                    for number in segments:
-                        key = f"{run_id}.{number}"
+                case Begin():
+                    self.begin(effect)
+                case Tell(run_id=run_id, place=place):
+                    key = segment_run(run_id, place)
+                    run = self.engine.runs[key]
+                    told = run.told(effect.task, self.world.now, is_done=effect.is_done, results=effect.results)
+                    self.engine.take(key, told)
+                case Pause(run_id=run_id, places=places, is_paused=is_paused):
+                    for place in places:
+                        key = segment_run(run_id, place)
                         if (begun := self.engine.runs.get(key)) is not None:
                             change = begun.pause if is_paused else begun.resume
                             self.engine.take(key, change("x", self.world.now))
-                case Stop(run_id=run_id, segments=segments, reason=reason):
-                    for number in segments:
-                        key = f"{run_id}.{number}"
+                case Stop(run_id=run_id, places=places, reason=reason):
+                    for place in places:
+                        key = segment_run(run_id, place)
                         if key in self.engine.runs:
                             self.engine.take(key, self.engine.runs[key].abort(reason, "x", self.world.now))
                         else:
-                            self.do(self.holder.segment_ended(run_id, number, self.world.now, failed=reason))
+                            self.do(self.holder.segment_ended(run_id, place, self.world.now, failed=reason))
+
+    def begin(self, effect: Begin) -> None:
+        """Begin a segment, unless it was begun before."""
+        key, now = segment_run(effect.run_id, SegmentRound(effect.segment.number, effect.rounds)), self.world.now
+        if key in self.engine.runs:
+            return
+        scenario = segment_scenario("made", effect.segment.body, effect.rounds, effect.values, effect.outside)
+        given = {one.name: one.default for one in scenario.parameters if one.default is not None}
+        known: list[Fact] = []
+        Run.create(key, scenario, given, known.append, by="x", now=now)
+        known += [decode_fact(line) for line in effect.facts]
+        self.write(self.segments.setdefault(key, []), *[encode_fact(fact) for fact in known])
+        run = self.engine.runs[key] = Run.restore(scenario, known, self.journal_of(key))
+        self.engine.scenarios[key] = scenario
+        self.engine.take(key, run.again(said_by_robots, now))
+        self.engine.take(key, run.poll(said_by_robots, now))
 
     def look(self) -> None:
         """Tell the holder of segments that have ended, and others of what is not acknowledged."""
         for key, run in list(self.engine.runs.items()):
-            run_id, _, number = key.rpartition(".")
+            run_id, place = segment_of(key)
             held = self.holder.runs.get(run_id)
-            if run.state.outcome is None or held is None or int(number) in held.over:
+            if run.state.outcome is None or held is None or place not in held.active:
                 continue
             results = {
                 f"{task}.{name}": one for task, given in run.state.results.items() for name, one in given.items()
             }
-            failed = "" if run.state.outcome is RunOutcome.DONE else run.state.reason or "failed"
-            self.do(self.holder.segment_ended(run_id, int(number), self.world.now, failed=failed, results=results))
+            is_done = run.state.outcome is RunOutcome.DONE
+            failed = "" if is_done else run.state.reason or "failed"
+            way = way_taken(self.engine.scenarios[key], run.state) if is_done else True
+            self.do(self.holder.segment_ended(run_id, place, self.world.now, failed=failed, results=results, way=way))
 
     def tick(self) -> None:
         """Each half second: time, what lazy writers write, what is not acknowledged."""
@@ -352,24 +381,36 @@ class Bridge:
 
 
 class Off:
-    """A bridge that is off for long, and what a person has the server do then."""
+    """A bridge that is off for long, and what a person has the server do then. `before`: another one was before."""
 
-    def __init__(self, world: World) -> None:
-        random = Random(f"off {world.seed}")
-        self.world, self.random = world, random
-        self.space = random.choice([*world.bridges])
-        self.at = random.choice((END_S * 2, random.uniform(2.0, 30.0))) if len(world.bridges) > 1 else END_S * 2
+    def __init__(self, world: World, before: Off | None = None) -> None:
+        random = Random(f"off {world.seed}" if before is None else f"off again {world.seed}")
+        self.world, self.random, self.before = world, random, before
+        self.epoch: int = 2 if before is None else before.epoch + 1
+        spaces = list(world.bridges if before is None else before.parts)
+        self.space = random.choice(spaces)
+        soon = random.uniform(2.0, 30.0) if before is None else world.now + random.uniform(0.0, 10.0)
+        self.at = random.choice((END_S * 2, soon)) if len(spaces) > 1 else END_S * 2
         self.until = random.choice((END_S * 2, self.at + random.uniform(15.0, 60.0)))
         self.adopted: float | None = None
         """When the person has said it."""
         self.filled: dict[int, tuple[FilledSlot, ...]] = {}
         self.is_done = False
+        self.plan: Plan = world.plan
+        self.parts: Mapping[int, Part] = {}
+        """What the others get."""
+        self.heir = 0
 
     def begin(self) -> None:
         """It is off now."""
         if (bridge := self.world.bridges[self.space]).is_up:
             bridge.die()
         self.world.at(self.until, bridge.rise)
+
+    def is_off(self, space: int) -> bool:
+        """Whether this bridge is off for longer than others are."""
+        is_being_left_out = self.adopted is not None and not self.is_done
+        return space == self.space and (self.at <= self.world.now < self.until or is_being_left_out)
 
     def tick(self) -> None:
         """Each half second of the server: it asks the person, and tells all that are left until they have it."""
@@ -379,10 +420,12 @@ class Off:
             if not is_needed or not self.at + ADOPT_S + 5.0 <= world.now < self.until or victim.is_up:
                 return
             self.adopted = world.now
-            self.heir = self.random.choice([space for space in world.bridges if space != self.space])
-            plan = plan_without(world.plan, self.space, self.heir)
-            self.parts = parts_of(plan, RUN, "made", {}, "x", adopt_after_s=0.0 if world.no_epoch else ADOPT_S, epoch=2)
-            self.facts = self._facts(victim)
+            parts, plan = (world.parts, world.plan) if self.before is None else (self.before.parts, self.before.plan)
+            self.heir = self.random.choice([space for space in parts if space != self.space])
+            self.plan = plan_without(plan, self.space, self.heir)
+            adopt_after_s = 0.0 if world.no_epoch else ADOPT_S
+            self.parts = parts_of(self.plan, RUN, "made", {}, "x", adopt_after_s=adopt_after_s, epoch=self.epoch)
+            self.facts = self._facts(victim, parts[self.space])
         for space, part in self.parts.items():
             if space != self.heir and space not in self.filled:
                 self._tell(world.bridges[space], Adoption(part, self.space, "x"))
@@ -394,15 +437,17 @@ class Off:
         if world.now > self.adopted + 300.0:
             world.is_closing = True
 
-    def _facts(self, victim: Bridge) -> dict[int, tuple[str, ...]]:
+    def _facts(self, victim: Bridge, part: Part) -> dict[str, tuple[str, ...]]:
         """What the server has fetched before it was off, which may not be all; and what robots have done in truth."""
         done = [one.step for one in self.world.robots.begun if not one.fails]
-        facts: dict[int, tuple[str, ...]] = {}
-        for number, segment in victim.holder.runs[RUN].part.segments.items() if RUN in victim.holder.runs else ():
-            lines = victim.segments.get(f"{RUN}.{number}", [])
-            known = [decode_fact(line) for line in lines[: self.random.randint(0, len(lines))]]
-            said = adopted_facts(segment.body.steps, known, done, self.world.now, "x")
-            facts[number] = tuple([encode_fact(fact) for fact in said])
+        fetched: list[Fact] = []
+        for lines in victim.segments.values():
+            fetched += [decode_fact(line) for line in lines[: self.random.randint(0, len(lines))]]
+        fetched.sort(key=lambda fact: fact.at)
+        facts: dict[str, tuple[str, ...]] = {}
+        for segment in part.segments.values():
+            for place, said in adopted_places(segment, fetched, done, self.world.now, "x").items():
+                facts[str(place)] = tuple([encode_fact(fact) for fact in said])
         return facts
 
     def _tell(self, bridge: Bridge, adoption: Adoption) -> None:
@@ -413,10 +458,11 @@ class Off:
             if bridge.space == self.heir and not self.is_done:
                 self.is_done = True  # and the one that was off may be started again
                 world.at(max(world.now, self.until), world.bridges[self.space].rise)
+                world.next_off()
 
         def take() -> None:
             bridge.do(bridge.holder.take_adoption(content, world.now))
-            filled = filled_slots(bridge.holder.runs[RUN].tokens.values())
+            filled = bridge.holder.runs[RUN].filled()
             world.carry(bridge.space, 0, lambda: acknowledged(filled))
 
         world.carry(0, bridge.space, lambda: world.refusable(bridge, take))
@@ -430,7 +476,7 @@ class World:
         seed: int,
         *,
         is_lazy: bool = False,
-        identity: Callable[[StartTask], str] | None = None,
+        identity: Callable[[StartTask, int], str] | None = None,
         parts: Callable[[dict[int, Part]], dict[int, Part]] = lambda parts: parts,
         forgets: type[CarryFact] | None = None,
         no_epoch: bool = False,
@@ -458,7 +504,7 @@ class World:
         self.plan = plan
         self.loss = self.random.choice((0.0, 0.3, 0.3))
         self.kill_rate = self.random.choice((0.0, 0.02, 0.08))
-        self.robots = Robots(fails_by(seed))
+        self.robots = Robots(fails_by(seed), broken_by(seed))
         if identity is not None:
             self.robots.identity = identity
         self.parts = parts(parts_of(plan, RUN, "made", {}, "x", adopt_after_s=0.0 if no_epoch else ADOPT_S))
@@ -476,7 +522,7 @@ class World:
         self.accepted: set[int] = set()
         self.has_begun = self.is_closing = False
         self.ended_told: set[int] = set()
-        self.off = Off(self)
+        self.offs = [Off(self)]
         token = Token(RUN, next(iter(self.parts.values())).plan_hash, 1, 0, 0)
         self.token = encode_token(token, ())
 
@@ -496,7 +542,7 @@ class World:
         for bridge in self.bridges.values():
             self.at(self.random.uniform(0.0, AGAIN_S), partial(self._each, bridge))
         self.at(0.0, self._server)
-        self.at(self.off.at, self.off.begin)
+        self.at(self.offs[0].at, self.offs[0].begin)
         while self._events and self.now < END_S:
             self.now, _, work = heapq.heappop(self._events)
             work()
@@ -514,13 +560,24 @@ class World:
 
     def is_off(self, space: int) -> bool:
         """Whether a bridge is off for longer than the others are."""
-        off = self.off
-        is_being_left_out = off.adopted is not None and not off.is_done
-        return space == off.space and (off.at <= self.now < off.until or is_being_left_out)
+        return any(off.is_off(space) for off in self.offs)
+
+    @property
+    def adoptions(self) -> int:
+        """How many bridges a person has had left out."""
+        return sum(off.adopted is not None for off in self.offs)
+
+    def next_off(self) -> None:
+        """A bridge was left out: it may be another one's turn."""
+        if len(self.offs) == 1 and len(self.offs[0].parts) > 1:
+            off = Off(self, self.offs[0])
+            self.offs.append(off)
+            self.at(max(self.now, off.at), off.begin)
 
     def rises_at(self, space: int) -> float:
         """When a bridge that has just died is started again."""
-        return max(self.now, self.off.until) if self.is_off(space) else self.now + self.random.uniform(0.5, 15.0)
+        until = [off.until for off in self.offs if off.is_off(space)]
+        return max(self.now, *until) if until else self.now + self.random.uniform(0.5, 15.0)
 
     def _each(self, bridge: Bridge) -> None:
         bridge.tick()
@@ -600,7 +657,7 @@ class World:
         except ScenarioError:
             return content
         made = replace(token, plan_hash=held.part.plan_hash, epoch=held.part.epoch)
-        return encode_token(made, names[token.segment])
+        return encode_token(made, () if token.failed else names[token.segment][token.slot])
 
     def refusable(self, target: Bridge, take: Callable[[], None]) -> None:
         def guarded() -> None:
@@ -629,7 +686,7 @@ class World:
                 self._offer(bridge, encode_part(part))
         if self.has_begun and not self.is_closing:
             self._pause()
-            self.off.tick()
+            self.offs[-1].tick()
         if not self.is_closing and not self.has_begun and len(self.accepted) == len(self.parts):
             self._begin(self.bridges[self.plan.segments[0].space])
 
@@ -689,17 +746,23 @@ def fails_by(seed: int) -> Callable[[str, int], bool]:
     return lambda step, tries: zlib.crc32(f"{seed}/{step}/{tries}".encode()) % 100 < 12
 
 
+def broken_by(seed: int) -> frozenset[str]:
+    """Which robots have a fault, likewise."""
+    random = Random(f"broken {seed}")
+    return frozenset(random.sample(list(ROBOTS), random.choice((0, 0, 1, 2))))
+
+
 def orchestrated(scenario: Scenario, seed: int) -> tuple[RunOutcome, dict[str, float]]:
-    """How the same run ends where one engine does all of it, and what its tasks gave."""
+    """How the same run ends where one engine does all of it, and what its tasks gave in each round."""
     events: list[tuple[float, int, Callable[[], None]]] = []
     order, now = count(), 0.0
 
     def later(after_s: float, work: Callable[[], None]) -> None:
         heapq.heappush(events, (now + after_s, next(order), work))
 
-    engine = Engine(Robots(fails_by(seed)), lambda: now, later)
+    engine = Engine(Robots(fails_by(seed), broken_by(seed)), lambda: now, later)
     run = engine.runs[RUN] = Run.create(RUN, scenario, {}, lambda _fact: None, by="x", now=0.0)
-    engine.take(RUN, run.poll(_unknown, 0.0))
+    engine.take(RUN, run.poll(said_by_robots, 0.0))
     while run.state.outcome is None:
         if not events:
             now += 0.5
@@ -708,5 +771,4 @@ def orchestrated(scenario: Scenario, seed: int) -> tuple[RunOutcome, dict[str, f
         now, _, work = heapq.heappop(events)
         work()
         engine.poll()
-    results = {task: float(given["out"]) for task, given in run.state.results.items()}
-    return run.state.outcome, results
+    return run.state.outcome, {begun.step: begun.result for begun in engine.robots.begun if not begun.fails}

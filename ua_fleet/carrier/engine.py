@@ -10,14 +10,15 @@ What is heard is taken in only while there is a run.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import structlog
 
 from ua_fleet.bridge.carry import CarryGround
-from ua_fleet.carrying.fragments import FragmentInvalid, decode_scenario
+from ua_fleet.carrying.fragments import FragmentInvalid
+from ua_fleet.carrying.segment_scenario import decode_scenario, way_taken
 from ua_fleet.config.nodes import fleet_model, max_ages_of
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import publisher_ids
@@ -77,6 +78,8 @@ class SegmentEnd(NamedTuple):
     ends: str
     """How all of the run ends, where an `end` step says so."""
     reason: str
+    way: bool = True
+    """What it has decided, where it ends with a decision."""
 
 
 class _SegmentService(ScenarioService):
@@ -111,6 +114,10 @@ class _SegmentService(ScenarioService):
         created = self._carrier.first_unwritten(run_id)
         assert created is not None, "a run begins with a fact"
         self._do([RunChanged(run_id, created), *outputs])
+
+    def tell_segment(self, run_id: str, task: str, results: Mapping[str, Value], *, is_done: bool) -> None:
+        """Have a segment know what became of a task of another branch."""
+        self._do(self._orchestrator.outside_told(run_id, task, self._wall_s(), is_done=is_done, results=results))
 
 
 class SegmentEngine:
@@ -260,6 +267,11 @@ class SegmentEngine:
         """Begin no further task of a segment, or go on with it."""
         if self._service.has(run_id):
             (self._service.runs.pause if is_paused else self._service.runs.resume)(run_id, by)
+
+    def tell_segment(self, run_id: str, task: str, results: Mapping[str, Value], *, is_done: bool) -> None:
+        """Have a segment know what became of a task of another branch."""
+        if self._service.has(run_id):
+            self._service.tell_segment(run_id, task, results, is_done=is_done)
 
     def confirm(self, decision_id: str, robot: str, by: str) -> Confirmation:
         """A person chooses who takes a task over; raises ScenarioError."""
@@ -414,5 +426,6 @@ def _end_of(record: RunRecord) -> SegmentEnd:
     results = {f"{task}.{name}": value for task, given in state.results.items() for name, value in given.items()}
     if closing is not None and closing.outcome is not RunOutcome.ABORTED:
         return SegmentEnd(record.run_id, "", results, closing.outcome.value, reason)
-    is_done = state.outcome is RunOutcome.DONE
-    return SegmentEnd(record.run_id, "" if is_done else reason or "it has failed", results, "", reason)
+    if state.outcome is not RunOutcome.DONE:
+        return SegmentEnd(record.run_id, reason or "it has failed", results, "", reason)
+    return SegmentEnd(record.run_id, "", results, "", reason, way_taken(decode_scenario(record.text), state))

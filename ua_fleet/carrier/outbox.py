@@ -32,7 +32,7 @@ FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
 MOST_REMEMBERED: Final = 200
 
-Key = tuple[str, int, int, int]
+Key = tuple[str, str, int, int]
 Told = Callable[[Callable[[Holder, float], list[Carry] | None]], None]
 
 
@@ -194,5 +194,5 @@ def _space(sent: Send) -> int:
 
 def _key(sent: Send) -> Key:
     if isinstance(sent, SendToken):
-        return sent.run_id, sent.segment, sent.road.segment, sent.road.slot
-    return sent.run_id, -2 if isinstance(sent, AskEpoch) else -1, sent.space, 0
+        return sent.run_id, str(sent.source), sent.road.segment, sent.road.slot
+    return sent.run_id, "epoch" if isinstance(sent, AskEpoch) else "end", sent.space, 0

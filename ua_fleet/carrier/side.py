@@ -20,12 +20,13 @@ from ua_fleet.bridge.carry import CarryFactory, CarryGround
 from ua_fleet.bridge.immediate import ImmediateActions
 from ua_fleet.carrier.engine import INSTANCE, SegmentEnd, SegmentEngine
 from ua_fleet.carrier.outbox import Outbox
-from ua_fleet.carrying import Begin, Gone, Holder, Pause, RunRefused, segment_run
-from ua_fleet.carrying.adoption import decode_adoption, filled_slots
+from ua_fleet.carrying import Begin, Gone, Holder, Pause, RunRefused, Tell, segment_of, segment_run
+from ua_fleet.carrying.adoption import decode_adoption, encode_filled
 from ua_fleet.carrying.effects import Carry, Stop, fact_before
-from ua_fleet.carrying.fragments import segment_scenario
 from ua_fleet.carrying.held import HeldRun
 from ua_fleet.carrying.holder import ADOPTED, LOST
+from ua_fleet.carrying.segment_scenario import segment_scenario
+from ua_fleet.carrying.token import SegmentRound
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import LocalWireError, ScenarioError, StorageUnavailable
@@ -157,7 +158,7 @@ class _Carrier:
         """Go on with the segments of the journal, which have to know before what is to be stopped or paused."""
         effects, records = list(effects), self._open()
         changed = [one for one in effects if isinstance(one, Stop | Pause)]
-        segments = [(segment_run(one.run_id, number), one) for one in changed for number in one.segments]
+        segments = [(segment_run(one.run_id, place), one) for one in changed for place in one.places]
         begun = [(run_id, fact_before(one, self._wall_s())) for run_id, one in segments if records.runs.facts(run_id)]
         if begun:
             records.runs.write(begun)
@@ -275,8 +276,8 @@ class _Carrier:
     def _answer(self, words: dict[str, Any]) -> None:
         run_id, step, answer, by = (str(words.get(name, "")) for name in ("run", "step", "answer", "by"))
         held = self._holder.runs.get(run_id)
-        for number in () if held is None else held.active:
-            segment = segment_run(run_id, number)
+        for place in () if held is None else held.active:
+            segment = segment_run(run_id, place)
             if self._engine is not None and self._engine.has_step(segment, step):
                 self._engine.answer(segment, step, answer, by)
                 return
@@ -292,8 +293,7 @@ class _Carrier:
         self._do(self._holder.take_adoption(content, wall_s))
         part = decode_adoption(content).part
         self._want_others(part.spaces)
-        filled = filled_slots(self._held(part.run_id).tokens.values())
-        return encode_words(filled=[[one.segment, one.slot, one.failed, dict(one.values)] for one in filled])
+        return encode_words(filled=encode_filled(self._held(part.run_id).filled()))
 
     def _confirm(self, words: dict[str, Any]) -> str:
         run_id, decision, robot, by = (str(words.get(name, "")) for name in ("run", "decision", "robot", "by"))
@@ -315,7 +315,7 @@ class _Carrier:
         told = {
             "facts": page,
             "count": len(lines),
-            "active": list(held.active),
+            "active": [str(place) for place in held.active],
             "waits": self._outbox.waits(run_id) or held.stale,
             "closed": None if closed is None else [closed.at, closed.outcome, closed.reason],
             "decisions": [encode_decision(changed) for changed in self._decisions.get(run_id, {}).values()],
@@ -332,12 +332,11 @@ class _Carrier:
         for effect in effects:
             engine = self._engine_now(now)
             if isinstance(effect, Begin):
-                held = self._holder.runs[effect.run_id]
-                values = dict(held.part.parameters) | effect.values
-                scenario = segment_scenario(held.part.scenario, effect.segment.body, values)
-                facts = [decode_fact(line) for line in effect.facts]
-                run_id = segment_run(effect.run_id, effect.segment.number)
-                engine.begin_segment(run_id, scenario, held.part.by, facts)
+                self._begin(engine, effect)
+            elif isinstance(effect, Tell):
+                with self._ground.mistakes.guard("carried runs", run_id=effect.run_id):
+                    segment = segment_run(effect.run_id, effect.place)
+                    engine.tell_segment(segment, effect.task, effect.results, is_done=effect.is_done)
             elif isinstance(effect, Gone):
                 with self._ground.mistakes.guard("carried runs", run_id=effect.run_id):
                     engine.lose_bridge(effect.space, effect.by)
@@ -345,9 +344,17 @@ class _Carrier:
                 self._tell_engine(engine, effect)
         self._ground.loop.call_soon(self._send_out)
 
+    def _begin(self, engine: SegmentEngine, effect: Begin) -> None:
+        part = self._holder.runs[effect.run_id].part
+        values = dict(part.parameters) | effect.values
+        scenario = segment_scenario(part.scenario, effect.segment.body, effect.rounds, values, effect.outside)
+        facts = [decode_fact(line) for line in effect.facts]
+        run_id = segment_run(effect.run_id, SegmentRound(effect.segment.number, effect.rounds))
+        engine.begin_segment(run_id, scenario, part.by, facts)
+
     def _tell_engine(self, engine: SegmentEngine, effect: Stop | Pause) -> None:
-        for number in effect.segments:
-            run_id = segment_run(effect.run_id, number)
+        for place in effect.places:
+            run_id = segment_run(effect.run_id, place)
             with self._ground.mistakes.guard("carried runs", run_id=effect.run_id):
                 if isinstance(effect, Pause):
                     engine.pause_segment(run_id, effect.by, is_paused=effect.is_paused)
@@ -366,22 +373,25 @@ class _Carrier:
             del known[next(iter(known))]
 
     def _segment_ended(self, end: SegmentEnd) -> None:
-        run_id, _, number = end.run_id.rpartition(".")
+        run_id, place = segment_of(end.run_id)
         try:
             effects = self._holder.segment_ended(
                 run_id,
-                int(number),
+                place,
                 self._wall_s(),
                 failed=end.failed,
                 results=end.results,
                 ends=end.ends,
                 reason=end.reason,
+                way=end.way,
             )
         except StorageUnavailable as error:
             self._storage_problem = f"carried runs cannot be recorded, and stand still: {error}"
             self._ground.loop.call_later(1.0, self._segment_ended, end)
             return
         self._storage_problem = ""
+        if self._engine is not None:
+            self._engine.forget([end.run_id])  # it is not begun again
         self._do(effects)
 
     # Time.

@@ -9,11 +9,12 @@
 The engine that runs a segment is that of `scenario`, as in the server.
 """
 
-from ua_fleet.carrying.effects import AskEpoch, Begin, Carry, Gone, Pause, Send, SendEnd, SendToken, Stop
+from ua_fleet.carrying.effects import AskEpoch, Begin, Carry, Gone, Pause, Send, SendEnd, SendToken, Stop, Tell
 from ua_fleet.carrying.holder import Holder, RunRefused
-from ua_fleet.carrying.part import Part, decode_part, encode_part, parts_of, segment_run
-from ua_fleet.carrying.plan import Plan, PlanView, Split, split
-from ua_fleet.carrying.token import Token, decode_token, encode_token
+from ua_fleet.carrying.part import Part, decode_part, encode_part, parts_of, segment_of, segment_run
+from ua_fleet.carrying.plan import Plan, PlanView, Split
+from ua_fleet.carrying.splitting import split
+from ua_fleet.carrying.token import SegmentRound, Token, decode_token, encode_token
 
 __all__ = [
     "AskEpoch",
@@ -26,17 +27,20 @@ __all__ = [
     "Plan",
     "PlanView",
     "RunRefused",
+    "SegmentRound",
     "Send",
     "SendEnd",
     "SendToken",
     "Split",
     "Stop",
+    "Tell",
     "Token",
     "decode_part",
     "decode_token",
     "encode_part",
     "encode_token",
     "parts_of",
+    "segment_of",
     "segment_run",
     "split",
 ]

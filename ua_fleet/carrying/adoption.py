@@ -13,24 +13,29 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Any, Final, NamedTuple
 
-from ua_fleet.carrying.part import MOST_JSON_BYTES, MOST_PART_BYTES, Part, PartInvalid, PartSegment, decode_part
+from ua_fleet.carrying.part import MOST_JSON_BYTES, MOST_PART_BYTES, Part, PartInvalid, PartSegment, Road, decode_part
 from ua_fleet.carrying.plan import Plan, PlanView, missing_requestors
-from ua_fleet.carrying.token import Token
+from ua_fleet.carrying.token import SegmentRound, Token
 from ua_fleet.scenario import Scenario, Value
-from ua_fleet.scenario.facts import Fact, StepEnded, StepState, TaskAnswered, Then
-from ua_fleet.scenario.model import Sequence, Task
+from ua_fleet.scenario.facts import Fact, IterationStarted, StepEnded, StepState, TaskAnswered, Then
+from ua_fleet.scenario.model import BranchPoint, Task
+from ua_fleet.scenario.model import Sequence as Steps
 from ua_fleet.scenario.state import RunState, TaskPhase
 
 __all__ = [
     "Adoption",
     "FilledSlot",
     "adopted_facts",
+    "adopted_places",
     "decode_adoption",
+    "decode_filled",
     "encode_adoption",
+    "encode_filled",
     "filled_slots",
     "heir_of",
     "of_segment",
@@ -48,6 +53,9 @@ class FilledSlot(NamedTuple):
     slot: int
     failed: str
     values: Mapping[str, Value]
+    rounds: tuple[int, ...] = ()
+    loops: tuple[int, ...] = ()
+    """The heads of the repetitions around that segment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +71,8 @@ class Adoption:
     filled: tuple[FilledSlot, ...] = ()
     results: Mapping[str, Value] = field(default_factory=dict[str, Value])
     """Of tasks, by `task.result`, as far as the server knows them."""
-    facts: Mapping[int, tuple[str, ...]] = field(default_factory=dict[int, tuple[str, ...]])
-    """Lines of facts of each segment that is adopted."""
+    facts: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
+    """Lines of facts of each segment that is adopted, by its place as a text."""
 
 
 def plan_without(plan: Plan, gone: int, heir: int) -> Plan:
@@ -84,11 +92,18 @@ def heir_of(plan: Plan, gone: int, view: PlanView) -> int | None:
 def of_segment(steps: Iterable[Any], fact: Fact) -> bool:
     """Whether a fact is of a step of these, or within one."""
     step: str = getattr(fact, "step", "")
-    keys = {each.key for each in Scenario("", Sequence("", 0, tuple(steps))).steps()}
+    keys = {each.key for each in Scenario("", Steps("", 0, tuple(steps))).steps()}
     return bool(step) and step.partition("@")[0] in keys
 
 
-def adopted_facts(steps: Iterable[Any], facts: Iterable[Fact], done: Collection[str], at: float, by: str) -> list[Fact]:
+def adopted_facts(
+    steps: Iterable[Any],
+    facts: Iterable[Fact],
+    done: Collection[str],
+    at: float,
+    by: str,
+    rounds: tuple[int, ...] = (),
+) -> list[Fact]:
     """What the heir of a segment takes for true: what was heard, and then what the person says of its tasks.
 
     Args:
@@ -97,50 +112,188 @@ def adopted_facts(steps: Iterable[Any], facts: Iterable[Fact], done: Collection[
         done: tasks that a robot has done although nobody has told so, by their names or the keys of their steps.
         at: when it was said.
         by: the person.
+        rounds: the numbers of the repetitions around the segment.
     """
-    steps = tuple(steps)
-    known = [fact for fact in facts if of_segment(steps, fact)]
+    steps, scope = tuple(steps), "".join(f"@{number}" for number in rounds)
+    known = [fact for fact in facts if of_segment(steps, fact) and _is_within(getattr(fact, "step", ""), scope)]
     state = RunState()
     for fact in known:
         state.apply(fact)
     said: list[Fact] = []
+    tasks = [one for one in Scenario("", Steps("", 0, steps)).steps() if isinstance(one, Task)]
+    keys = {task.key: task.key + scope for task in tasks} | {task.name: task.key + scope for task in tasks}
+    named = {keys.get(name, name) for name in done}
     for step, task in state.tasks.items():
-        if step not in state.ended and (step in done or task.name in done):
+        if step not in state.ended and (step in named or task.name in done):
             said.append(TaskAnswered(at, step, Then.DONE, by))
         elif step not in state.ended and task.phase in _UNDER_WAY:
             said.append(TaskAnswered(at, step, Then.RETRY, by))
-    tasks = [one for one in Scenario("", Sequence("", 0, steps)).steps() if isinstance(one, Task)]
-    keys = {task.key: task.key for task in tasks} | {task.name: task.key for task in tasks}
-    for name in done:
-        step = keys.get(name, name)
-        if step.partition("@")[0] in keys and step not in state.tasks:
-            said.append(StepEnded(at, step, StepState.DONE, f"{by} has said so"))
-    return known + said
+    own = [step for step in dict.fromkeys([keys.get(name, name) for name in done]) if step.partition("@")[0] in keys]
+    unheard = [step for step in own if _is_within(step, scope) and step not in state.tasks]
+    return known + said + [StepEnded(at, step, StepState.DONE, f"{by} has said so") for step in unheard]
 
 
-def filled_slots(tokens: Iterable[Token]) -> tuple[FilledSlot, ...]:
+def adopted_places(
+    segment: PartSegment, facts: Sequence[Fact], done: Collection[str], at: float, by: str
+) -> dict[SegmentRound, list[Fact]]:
+    """The same of a segment for each round of the repetitions around it of which something is known.
+
+    A task that the person names without its round is one of the last round.
+    """
+    steps, loops = segment.body.steps, len(segment.loops)
+    if steps and isinstance(point := steps[-1], BranchPoint) and point.is_loop:
+        return _decided_rounds(segment.number, point, facts)
+    heard = [step for fact in facts if of_segment(steps, fact) and (step := getattr(fact, "step", ""))]
+    keys = [task.key for task in Scenario("", Steps("", 0, steps)).steps()]
+    told = [name for name in done if name.partition("@")[0] in keys]
+    rounds = {there for step in (*heard, *told) if len(there := _rounds_of(step)[:loops]) == loops}
+    last = max(rounds, default=(0,) * loops)
+    found: dict[SegmentRound, list[Fact]] = {}
+    for each in sorted(rounds | {last}):
+        names = done if each == last else [name for name in done if "@" in name]
+        found[SegmentRound(segment.number, each)] = adopted_facts(steps, facts, names, at, by, each)
+    return found
+
+
+def _decided_rounds(number: int, point: BranchPoint, facts: Sequence[Fact]) -> dict[SegmentRound, list[Fact]]:
+    """What the head of a repetition has decided."""
+    found: dict[SegmentRound, list[Fact]] = {}
+    last: dict[tuple[int, ...], int] = {}
+    for fact in facts:
+        rounds = _rounds_of(getattr(fact, "step", ""))
+        if not of_segment((point,), fact):
+            continue
+        if isinstance(fact, IterationStarted):
+            last[rounds] = fact.number
+            found[SegmentRound(number, (*rounds, fact.number))] = [fact]
+        elif isinstance(fact, StepEnded):
+            found[SegmentRound(number, (*rounds, last.get(rounds, -1) + 1))] = [fact]
+    return found
+
+
+def _rounds_of(step: str) -> tuple[int, ...]:
+    """The numbers of the repetitions in which a step is."""
+    return tuple([int(number) for number in step.split("@")[1:] if number.isdigit()])
+
+
+def _is_within(step: str, scope: str) -> bool:
+    """Whether a step, with all its numbers, is in these rounds."""
+    return f"@{'@'.join(step.split('@')[1:])}@".startswith(f"{scope}@") if scope else True
+
+
+def filled_slots(tokens: Iterable[Token], segments: Mapping[int, PartSegment]) -> tuple[FilledSlot, ...]:
     """What a bridge that is left says of the tokens that it has."""
-    return tuple([FilledSlot(one.segment, one.slot, one.failed, one.values) for one in tokens])
+    return tuple(
+        [
+            FilledSlot(one.segment, one.slot, one.failed, one.values, one.rounds, segments[one.segment].loops)
+            for one in tokens
+        ]
+    )
 
 
-def proved_over(segments: Mapping[int, PartSegment], filled: Iterable[FilledSlot]) -> dict[int, str]:
-    """The segments that are over, since somebody has a token of them; and why they have failed, empty where not."""
-    over: dict[int, str] = {}
+def encode_filled(filled: Iterable[FilledSlot]) -> list[Any]:
+    """The same as JSON has it."""
+    return [[*one[:3], dict(one.values), one.rounds, one.loops] for one in filled]
+
+
+def decode_filled(data: Any) -> tuple[FilledSlot, ...]:
+    """The slots that somebody has told; raises KeyError, TypeError or ValueError."""
+    return tuple(
+        [
+            FilledSlot(
+                int(segment), int(slot), str(failed), dict(values), tuple(map(int, rounds)), tuple(map(int, loops))
+            )
+            for segment, slot, failed, values, rounds, loops in data
+        ]
+    )
+
+
+class Proved(NamedTuple):
+    """What tokens prove of the segments of a bridge that is off."""
+
+    over: dict[SegmentRound, tuple[str, bool]]
+    """Those that are over, with why they have failed (empty where they have not), and what they have decided."""
+    passed: dict[int, tuple[int, ...]]
+    """By the number of a segment: it is over in all rounds that begin with these, or with some before them."""
+
+
+def proved_over(segments: Mapping[int, PartSegment], filled: Iterable[FilledSlot]) -> Proved:
+    """Who has a token of a segment proves that this segment is over, and all that lead to it, in rounds before, too."""
+    proof = _Proof(segments)
     for slot in filled:
-        key = (slot.segment, slot.slot)
-        for number, segment in segments.items():
-            if slot.failed and segment.fails is not None and (segment.fails.segment, segment.fails.slot) == key:
-                over.setdefault(number, slot.failed)
-            elif not slot.failed and key in [(road.segment, road.slot) for road in segment.then]:
-                over[number] = ""
-    left = list(over)
-    while left:
-        number = left.pop()
-        for before, segment in segments.items():
-            if before not in over and number in [road.segment for road in segment.then]:
-                over[before] = ""
-                left.append(before)
-    return over
+        proof.take(slot)
+    return proof.proved
+
+
+class _Proof:
+    """What follows from tokens."""
+
+    def __init__(self, segments: Mapping[int, PartSegment]) -> None:
+        self._segments, self.proved = segments, Proved({}, {})
+
+    def take(self, slot: FilledSlot) -> None:
+        """Somebody has a token."""
+        left: list[SegmentRound] = []
+        for number, segment in self._segments.items():
+            if (before := _round_before(segment.loops, slot)) is not None:
+                self._pass(number, before)
+            road = segment.fails
+            if slot.failed and road is not None and (road.segment, road.slot) == (slot.segment, slot.slot):
+                left += self._add(number, slot.rounds[: road.kept], slot.failed)
+        if not slot.failed:
+            left += self._look_before(SegmentRound(slot.segment, slot.rounds), slot.slot)
+        while left:
+            left += self._look_before(left.pop(), None)
+
+    def _look_before(self, target: SegmentRound, slot: int | None) -> Iterator[SegmentRound]:
+        """Add what leads to a slot of a segment, or to all of one that is over itself; what is new of it."""
+        for number, segment in self._segments.items():
+            for road in (*segment.then, *segment.otherwise):
+                rounds = _rounds_before(road, target.rounds)
+                if road.segment == target.number and slot in (None, road.slot) and rounds is not None:
+                    is_exact = slot is not None or not road.is_next
+                    yield from self._add(number, rounds, way=road in segment.then, is_exact=is_exact)
+
+    def _add(
+        self, number: int, rounds: tuple[int, ...], failed: str = "", *, way: bool = True, is_exact: bool = True
+    ) -> Iterator[SegmentRound]:
+        place, is_new = SegmentRound(number, rounds), self._pass(number, rounds)
+        if is_exact and len(rounds) == len(self._segments[number].loops) and place not in self.proved.over:
+            self.proved.over[place], is_new = (failed, way), True
+        if is_new:
+            yield place
+
+    def _pass(self, number: int, rounds: tuple[int, ...]) -> bool:
+        """Know that a segment is over up to these rounds; whether that is new."""
+        loops, known = len(self._segments[number].loops), self.proved.passed.get(number)
+        is_new = known is None or _padded(rounds, loops) > _padded(known, loops)
+        if is_new:
+            self.proved.passed[number] = rounds
+        return is_new
+
+
+def _padded(rounds: tuple[int, ...], loops: int) -> tuple[float, ...]:
+    """Rounds so that those compare as greater which say more: of repetitions that are not told, all are over."""
+    return (*rounds, *[inf] * (loops - len(rounds)))
+
+
+def _rounds_before(road: Road, rounds: tuple[int, ...]) -> tuple[int, ...] | None:
+    """The rounds of the segment from which a token came by a road, as far as the road keeps them; None: by another."""
+    kept = rounds[: road.kept]
+    if not road.is_next or len(kept) < road.kept:
+        return kept
+    return (*kept[:-1], kept[-1] - 1) if kept[-1] > 0 else None
+
+
+def _round_before(loops: tuple[int, ...], slot: FilledSlot) -> tuple[int, ...] | None:
+    """The last round of the repetitions around both that is over, since another one has begun; None: there is none."""
+    common = 0
+    while common < min(len(loops), len(slot.loops)) and loops[common] == slot.loops[common]:
+        common += 1
+    kept = slot.rounds[:common]
+    while kept and kept[-1] == 0:
+        kept = kept[:-1]
+    return (*kept[:-1], kept[-1] - 1) if kept else None
 
 
 def encode_adoption(adoption: Adoption, part: bytes) -> bytes:
@@ -149,9 +302,9 @@ def encode_adoption(adoption: Adoption, part: bytes) -> bytes:
         "part": part.hex(),
         "gone": adoption.gone,
         "by": adoption.by,
-        "filled": [[one.segment, one.slot, one.failed, dict(one.values)] for one in adoption.filled],
+        "filled": encode_filled(adoption.filled),
         "results": dict(adoption.results),
-        "facts": {str(number): lines for number, lines in adoption.facts.items()},
+        "facts": dict(adoption.facts),
     }
     packed = zlib.compress(json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode(), 9)
     if len(packed) > MOST_PART_BYTES:
@@ -173,9 +326,9 @@ def decode_adoption(content: bytes) -> Adoption:
             decode_part(bytes.fromhex(data["part"])),
             int(data["gone"]),
             str(data["by"]),
-            tuple([FilledSlot(int(one[0]), int(one[1]), str(one[2]), dict(one[3])) for one in data["filled"]]),
+            decode_filled(data["filled"]),
             dict(data["results"]),
-            {int(number): tuple([str(line) for line in lines]) for number, lines in data["facts"].items()},
+            {str(place): tuple([str(line) for line in lines]) for place, lines in data["facts"].items()},
         )
     except (zlib.error, KeyError, TypeError, ValueError, AttributeError, RecursionError, IndexError) as error:
         raise PartInvalid(f"an adoption cannot be read: {error!r}") from error

@@ -5,21 +5,49 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ua_fleet.carrying.part import PartSegment, Road
+from ua_fleet.carrying.token import SegmentRound
 from ua_fleet.scenario import Value
 from ua_fleet.scenario.facts import Fact, RunClosing, RunOutcome, RunPaused, RunResumed
 
-__all__ = ["AskEpoch", "Begin", "Carry", "Gone", "Pause", "Send", "SendEnd", "SendToken", "Stop", "fact_before"]
+__all__ = [
+    "AskEpoch",
+    "Begin",
+    "Carry",
+    "Gone",
+    "Pause",
+    "Send",
+    "SendEnd",
+    "SendToken",
+    "Stop",
+    "Tell",
+    "fact_before",
+]
 
 
 class Begin(NamedTuple):
-    """Have the engine run a segment; said again for one that it has, nothing happens."""
+    """Have the engine run a segment in one round; said again for one that it has, nothing happens."""
 
     run_id: str
     segment: PartSegment
+    rounds: tuple[int, ...]
     values: dict[str, Value]
     """Results of segments before."""
+    outside: tuple[str, ...] = ()
+    """Tasks of other branches of which it hears: see `Tell`."""
     facts: tuple[str, ...] = ()
     """Lines of what was done of it already, at a bridge that is off."""
+
+
+class Tell(NamedTuple):
+    """Tell the engine what became of a task of another branch; said again, nothing happens."""
+
+    run_id: str
+    place: SegmentRound
+    task: str
+    is_done: bool
+    """Else it was not done, and will not be."""
+    results: dict[str, Value]
+    """By their names, without the task's."""
 
 
 class Gone(NamedTuple):
@@ -34,7 +62,7 @@ class SendToken(NamedTuple):
     """A token that its target has not acknowledged."""
 
     run_id: str
-    segment: int
+    source: SegmentRound
     road: Road
     content: bytes
 
@@ -59,7 +87,7 @@ class Stop(NamedTuple):
     """Have the engine end what it has of a run."""
 
     run_id: str
-    segments: tuple[int, ...]
+    places: tuple[SegmentRound, ...]
     reason: str
 
 
@@ -67,12 +95,12 @@ class Pause(NamedTuple):
     """Have the engine begin no further task of these segments, or go on with them."""
 
     run_id: str
-    segments: tuple[int, ...]
+    places: tuple[SegmentRound, ...]
     is_paused: bool
     by: str
 
 
-Carry = Begin | Gone | Pause | Stop
+Carry = Begin | Gone | Pause | Stop | Tell
 Send = SendToken | SendEnd | AskEpoch
 
 

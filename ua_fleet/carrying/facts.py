@@ -18,6 +18,7 @@ __all__ = [
     "PartTaken",
     "PauseTold",
     "RunClosed",
+    "RunDoubted",
     "SegmentBegun",
     "SegmentOver",
     "TokenTaken",
@@ -55,6 +56,8 @@ class SegmentBegun:
     at: float
     run_id: str
     segment: int
+    rounds: tuple[int, ...] = ()
+    """The numbers of the repetitions around it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +73,9 @@ class SegmentOver:
     """All that is known here of results, by `task.result`."""
     ends: str = ""
     """How all of the run ends with it, where one of its steps says so."""
+    rounds: tuple[int, ...] = ()
+    way: bool = True
+    """What it has decided, where it ends with a decision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +87,8 @@ class HandedOver:
     segment: int
     target: int
     slot: int
+    rounds: tuple[int, ...] = ()
+    """Of the segment that is over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +133,26 @@ class PartAdopted:
     content: str
 
 
+@dataclass(frozen=True, slots=True)
+class RunDoubted:
+    """This bridge was away for long, so that another one may have its segments; or it has heard that none has."""
+
+    at: float
+    run_id: str
+    is_doubted: bool
+
+
 CarryFact = (
-    PartTaken | TokenTaken | SegmentBegun | SegmentOver | HandedOver | RunClosed | EndTold | PauseTold | PartAdopted
+    PartTaken
+    | TokenTaken
+    | SegmentBegun
+    | SegmentOver
+    | HandedOver
+    | RunClosed
+    | EndTold
+    | PauseTold
+    | PartAdopted
+    | RunDoubted
 )
 
 _KINDS: Final[dict[str, type[Any]]] = {kind.__name__: kind for kind in CarryFact.__args__}
@@ -145,6 +171,8 @@ def decode_carry_fact(line: str) -> CarryFact:
     """
     try:
         data: dict[str, Any] = json.loads(line)
+        if "rounds" in data:
+            data["rounds"] = tuple(data["rounds"])
         fact: CarryFact = _KINDS[data.pop("fact")](**data)
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"no fact of a carried run: {error}") from error

@@ -6,30 +6,27 @@ their timeouts, so that facts and execution ids of a bridge are about the same s
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from typing import Any, Final
 
 from ua_fleet.errors import ScenarioError
-from ua_fleet.scenario.expression import Expression, Value, parse_expression
+from ua_fleet.scenario.expression import Expression, parse_expression
 from ua_fleet.scenario.model import (
     Argument,
+    BranchPoint,
     Condition,
     End,
     EndOutcome,
     OnTimeout,
     OnUnknown,
     Parallel,
-    Parameter,
     Repeat,
-    Scenario,
     Sequence,
     Step,
     Task,
     Wait,
 )
 
-__all__ = ["MOST_DEPTH", "FragmentInvalid", "decode_scenario", "decode_step", "encode_step", "segment_scenario"]
+__all__ = ["MOST_DEPTH", "FragmentInvalid", "decode_step", "encode_step"]
 
 MOST_DEPTH: Final = 60
 """Steps within each other that are read."""
@@ -76,6 +73,15 @@ def encode_step(step: Step) -> dict[str, Any]:
             }
         case End(outcome=outcome, reason=reason):
             content = {"kind": "end", "outcome": outcome.value, "reason": reason}
+        case BranchPoint():
+            content = {
+                "kind": "branch",
+                "condition": _text(step.condition),
+                "timeout_s": step.timeout_s,
+                "is_loop": step.is_loop or None,
+                "times": step.times,
+                "round": step.round or None,
+            }
     return {"key": step.key, "line": step.line} | {name: value for name, value in content.items() if value is not None}
 
 
@@ -140,6 +146,13 @@ def _decode(data: Any, depth: int) -> Step:
             return Wait(key, line, until, None, data.get("for_s"), data.get("timeout_s"), on_timeout)
         case "end":
             return End(key, line, EndOutcome(data["outcome"]), str(data["reason"]))
+        case "branch":
+            condition, is_loop, times = _expression(data.get("condition")), bool(data.get("is_loop")), data.get("times")
+            if condition is None and (not is_loop or times is None):
+                raise FragmentInvalid("a decision has neither a condition nor a number")
+            return BranchPoint(
+                key, line, condition, float(data["timeout_s"]), is_loop, times, int(data.get("round", 0))
+            )
         case _:
             raise FragmentInvalid(f"there is no kind of steps {kind!r}")
 
@@ -175,24 +188,3 @@ def _sequence(data: Any, depth: int) -> Sequence:
 
 def _expression(text: Any) -> Expression | None:
     return None if text is None else parse_expression(text)
-
-
-def segment_scenario(name: str, body: Sequence, values: Mapping[str, Value]) -> Scenario:
-    """A segment as the engine runs it. What is known already are its parameters, results by `task.result`.
-
-    Its text says all that `decode_scenario` needs, since the engine keeps a run's text and nothing else of it.
-    """
-    text = json.dumps({"name": name, "body": encode_step(body), "values": dict(values)}, ensure_ascii=False)
-    return Scenario(name, body, "", tuple([Parameter(each, value) for each, value in values.items()]), text)
-
-
-def decode_scenario(text: str) -> Scenario:
-    """The scenario of the text of a segment; raises FragmentInvalid."""
-    try:
-        data: Any = json.loads(text)
-        body, values = decode_step(data["body"]), dict(data["values"])
-        if not isinstance(body, Sequence):
-            raise FragmentInvalid("the body of a segment is no list of steps")
-        return segment_scenario(str(data["name"]), body, values)
-    except (KeyError, TypeError, ValueError) as error:
-        raise FragmentInvalid(f"a segment of a plan cannot be read: {error!r}") from error

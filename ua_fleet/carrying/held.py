@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from ua_fleet.carrying.adoption import Adoption, filled_slots, proved_over
+from ua_fleet.carrying.adoption import Adoption, FilledSlot, filled_slots, proved_over
+from ua_fleet.carrying.effects import Begin, Tell
 from ua_fleet.carrying.facts import PauseTold, RunClosed, SegmentOver
-from ua_fleet.carrying.part import Part
-from ua_fleet.carrying.token import Token
+from ua_fleet.carrying.part import Part, Road
+from ua_fleet.carrying.plan import MailSlot
+from ua_fleet.carrying.token import SegmentRound, Token, encode_token
+from ua_fleet.scenario import Value
 
 __all__ = ["HeldRun"]
 
@@ -19,28 +23,36 @@ class HeldRun:
     part: Part
     heard: float
     """When something came of it last, by the wall clock."""
-    tokens: dict[tuple[int, int], Token] = field(default_factory=dict[tuple[int, int], Token])
-    """By segment and slot."""
-    begun: dict[int, float] = field(default_factory=dict[int, float])
-    over: dict[int, SegmentOver] = field(default_factory=dict[int, SegmentOver])
-    handed: set[tuple[int, int, int]] = field(default_factory=set[tuple[int, int, int]])
+    tokens: dict[tuple[SegmentRound, int], Token] = field(default_factory=dict[tuple[SegmentRound, int], Token])
+    """By segment, round and slot."""
+    begun: dict[SegmentRound, float] = field(default_factory=dict[SegmentRound, float])
+    over: dict[SegmentRound, SegmentOver] = field(default_factory=dict[SegmentRound, SegmentOver])
+    handed: set[tuple[SegmentRound, int, int]] = field(default_factory=set[tuple[SegmentRound, int, int]])
     """Segment that is over, and the segment and slot of each token of it that its target has."""
     pause: PauseTold | None = None
     """What was said last, where anything was."""
     closed: RunClosed | None = None
     told: set[int] = field(default_factory=set[int])
     """Bridges that have acknowledged the end."""
-    adoption: Adoption | None = None
-    """Of the segments of a bridge that is off."""
+    adoptions: list[Adoption] = field(default_factory=list[Adoption])
+    """Of the segments of bridges that are off."""
+    is_doubted: bool = False
+    """Whether another bridge may be in the place of this one, which has not heard yet whether it is."""
+    passed: dict[int, tuple[int, ...]] = field(default_factory=dict[int, tuple[int, ...]])
+    """Rounds of adopted segments that are over, with all before them."""
     asks: set[int] = field(default_factory=set[int])
     """Bridges that have refused a token, and are asked whether it was adopted. Not written down."""
     stale: str = ""
     """Who has sent a token of an epoch before, for people. Not written down."""
+    rounds: dict[tuple[tuple[int, ...], tuple[int, ...]], int] = field(
+        default_factory=dict[tuple[tuple[int, ...], tuple[int, ...]], int]
+    )
+    """The newest round of each repetition, by the heads and the rounds of those around it."""
 
     @property
-    def active(self) -> tuple[int, ...]:
+    def active(self) -> tuple[SegmentRound, ...]:
         """The segments that are under way."""
-        return tuple(number for number in self.begun if number not in self.over)
+        return tuple(place for place in self.begun if place not in self.over)
 
     @property
     def is_paused(self) -> bool:
@@ -58,24 +70,138 @@ class HeldRun:
         Also where it has no token yet: one that was sent to it before may come late.
         """
         waits_s = self.part.adopt_after_s
-        return self.closed is None and len(self.part.spaces) > 1 and 0 < waits_s <= now - self.heard
+        is_long = self.is_doubted or 0 < waits_s <= now - self.heard
+        return self.closed is None and len(self.part.spaces) > 1 and is_long
+
+    # Tokens.
+
+    def is_known(self, place: SegmentRound) -> bool:
+        """Whether a segment was begun or is over in this round, or in one after it."""
+        bound = self.passed.get(place.number)
+        is_passed = bound is not None and place.rounds[: len(bound)] <= bound
+        return place in self.begun or place in self.over or is_passed or self._is_before(place)
+
+    def _is_before(self, place: SegmentRound) -> bool:
+        return self._are_before(self.part.segments[place.number].loops, place.rounds)
+
+    def _are_before(self, loops: tuple[int, ...], rounds: tuple[int, ...]) -> bool:
+        """Whether one of these rounds is over, since the next one of that repetition has begun."""
+        return any(
+            number < self.rounds.get((loops[: depth + 1], rounds[:depth]), 0) for depth, number in enumerate(rounds)
+        )
+
+    def take(self, token: Token) -> None:
+        """Keep a token. The first one of a round says that those before it are over: they are forgotten."""
+        place = token.place
+        self.tokens[place, token.slot] = token
+        loops = self.part.segments[place.number].loops
+        for depth, number in enumerate(place.rounds):
+            key = loops[: depth + 1], place.rounds[:depth]
+            if number > self.rounds.get(key, 0):
+                self.rounds[key] = number
+                self._forget_rounds()
+
+    def _forget_rounds(self) -> None:
+        """A repetition has one round at a time. What was not handed over of one before stays."""
+        self.tokens = {key: token for key, token in self.tokens.items() if not self._is_before(key[0])}
+        gone = [
+            place
+            for place, over in self.over.items()
+            if self._is_before(place)
+            and all((place, road.segment, road.slot) in self.handed for road in self.roads(place, over))
+        ]
+        for place in gone:
+            del self.over[place]
+            self.begun.pop(place, None)
+        self.rounds = {key: number for key, number in self.rounds.items() if not self._are_before(*key)}
+        if gone:
+            self.handed = {key for key in self.handed if key[0] in self.over}
+
+    def values(self, place: SegmentRound) -> dict[str, Value]:
+        """The results that the tokens of a segment hold."""
+        values: dict[str, Value] = {}
+        for slot in range(self.part.segments[place.number].slots):
+            token = self.tokens.get((place, slot))
+            if token is not None:
+                values |= token.values
+        return values
+
+    def begin(self, place: SegmentRound) -> Begin:
+        """What the engine is to run."""
+        part = self.part
+        segment = part.segments[place.number]
+        outside = tuple([part.segments[heard.mailbox].tells for heard in segment.hears])
+        facts = next((one.facts[str(place)] for one in self.adoptions if str(place) in one.facts), ())
+        return Begin(part.run_id, segment, place.rounds, self.values(place), outside, facts)
+
+    def tells(self, place: SegmentRound) -> list[Tell]:
+        """What a segment hears of other branches, as far as it is known."""
+        return [tell for heard in self.part.segments[place.number].hears for tell in self._tell(place, *heard)]
+
+    def hearers(self, mailbox: int) -> list[SegmentRound]:
+        """The segments under way that hear what comes to a mailbox."""
+        segments = self.part.segments
+        return [place for place in self.active if mailbox in [one.mailbox for one in segments[place.number].hears]]
+
+    def _tell(self, place: SegmentRound, mailbox: int, loops: int) -> Iterator[Tell]:
+        """The newest that has come in the same rounds of the repetitions around both."""
+        there = [
+            (slot == MailSlot.DONE, at.rounds, token)
+            for (at, slot), token in self.tokens.items()
+            if at.number == mailbox and at.rounds[:loops] == place.rounds[:loops]
+        ]
+        if there:
+            is_done, _, token = max(there, key=lambda one: one[:2])
+            results = {name.partition(".")[2]: value for name, value in token.values.items()}
+            yield Tell(self.part.run_id, place, self.part.segments[mailbox].tells, is_done, results)
+
+    def roads(self, place: SegmentRound, over: SegmentOver) -> tuple[Road, ...]:
+        """Where tokens go from a segment that is over; nowhere from the last one."""
+        segment = self.part.segments[place.number]
+        if over.ends:
+            return ()
+        if over.failed:
+            return (*(() if segment.fails is None else (segment.fails,)), *segment.lost)
+        return segment.then if over.way else segment.otherwise
+
+    def token(self, place: SegmentRound, over: SegmentOver, road: Road) -> bytes:
+        """The token for one of them; raises TokenInvalid where a result does not fit."""
+        part, there = self.part, road.place(place.rounds)
+        values = {name: over.results[name] for name in road.needs if name in over.results}
+        is_lost = road in part.segments[place.number].lost
+        failed = "" if is_lost else over.failed
+        token = Token(part.run_id, part.plan_hash, part.epoch, road.segment, road.slot, failed, values, there.rounds)
+        return encode_token(token, road.needs)
+
+    # A bridge that is off.
+
+    def filled(self) -> tuple[FilledSlot, ...]:
+        """What this bridge says of the tokens that it has."""
+        return filled_slots(self.tokens.values(), self.part.segments)
 
     def adopt(self, adoption: Adoption, at: float) -> None:
         """Go by the new part: what the bridge that is off had goes to its heir once more."""
-        before, self.part, self.adoption = self.part, adoption.part, adoption
+        before, self.part = self.part, adoption.part
+        self.adoptions.append(adoption)
         lost = {
             (segment.number, road.segment, road.slot)
             for segment in before.segments.values()
-            for road in (*segment.then, *([] if segment.fails is None else [segment.fails]))
+            for road in segment.roads
             if road.space == adoption.gone
         }
-        self.handed -= lost
+        self.handed = {key for key in self.handed if (key[0].number, *key[1:]) not in lost}
         adopted = {number: one for number, one in self.part.segments.items() if number not in before.segments}
-        filled = [*adoption.filled, *filled_slots(self.tokens.values())]
+        filled = sorted((*adoption.filled, *self.filled()), key=lambda slot: slot.rounds)
         known = dict(adoption.results)
         for slot in filled:
             known |= slot.values
-        for number, failed in proved_over(adopted, filled).items():
-            self.over[number] = SegmentOver(at, self.part.run_id, number, failed, {} if failed else known)
-        if 0 in adopted and (0, 0) not in self.tokens:
-            self.tokens[0, 0] = Token(self.part.run_id, self.part.plan_hash, self.part.epoch, 0, 0)
+        proved = proved_over(adopted, filled)
+        self.passed |= proved.passed
+        for place, (failed, way) in proved.over.items():
+            results = {} if failed else known
+            self.over[place] = SegmentOver(
+                at, self.part.run_id, place.number, failed, results, rounds=place.rounds, way=way
+            )
+        first = SegmentRound(0)
+        if 0 in adopted and (first, 0) not in self.tokens:
+            self.tokens[first, 0] = Token(self.part.run_id, self.part.plan_hash, self.part.epoch, 0, 0)

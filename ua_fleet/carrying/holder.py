@@ -12,16 +12,17 @@
 A fact is journaled first, then applied, then what follows is done. All that is done follows from the facts alone, so
 that a process that is killed at any moment asks for the same again: `begin` of a segment whose run the engine has
 already, a token whose target has it already. A token that comes twice, or late, begins nothing: a segment is begun
-once, by the last of its slots.
+once in each round, by the last of its slots. What comes to a mailbox is told to the segments under way that hear it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from typing import Final
 
 from ua_fleet.carrying.adoption import decode_adoption
-from ua_fleet.carrying.effects import AskEpoch, Begin, Carry, Gone, Pause, Send, SendEnd, SendToken, Stop
+from ua_fleet.carrying.effects import AskEpoch, Carry, Gone, Pause, Send, SendEnd, SendToken, Stop
 from ua_fleet.carrying.facts import (
     CarryFact,
     EndTold,
@@ -30,13 +31,14 @@ from ua_fleet.carrying.facts import (
     PartTaken,
     PauseTold,
     RunClosed,
+    RunDoubted,
     SegmentBegun,
     SegmentOver,
     TokenTaken,
 )
 from ua_fleet.carrying.held import HeldRun
-from ua_fleet.carrying.part import PartInvalid, Road, decode_part
-from ua_fleet.carrying.token import WHOLE, Token, TokenInvalid, decode_token, encode_token
+from ua_fleet.carrying.part import PartInvalid, decode_part
+from ua_fleet.carrying.token import WHOLE, SegmentRound, TokenInvalid, decode_token
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Value
 from ua_fleet.topics import SERVER_SPACE
@@ -127,20 +129,20 @@ class Holder:
         token = decode_token(content, {number: segment.needs for number, segment in part.segments.items()})
         if sender not in (SERVER_SPACE, *part.spaces):
             raise RunRefused(f"space {sender} is not in run {part.run_id}")
-        segment = part.segments[token.segment]
-        if token.slot != WHOLE and token.slot >= segment.slots:
-            raise TokenInvalid(f"segment {token.segment} of run {part.run_id} has no slot {token.slot}")
-        if token.slot == WHOLE and not token.failed:
-            raise TokenInvalid("a token for all slots says why the segment has failed")
-        known = held.tokens.get((token.segment, token.slot))
+        segment, place = part.segments[token.segment], token.place
+        if len(token.rounds) != len(segment.loops):
+            raise TokenInvalid(f"segment {place} of run {part.run_id} is within {len(segment.loops)} repetitions")
+        known = held.tokens.get((place, token.slot))
         if known is not None:
             if known.epoch == token.epoch and known != token:
-                raise TokenInvalid(f"segment {token.segment} of run {part.run_id} has another token there")
+                raise TokenInvalid(f"segment {place} of run {part.run_id} has another token there")
             return []
         if held.closed is not None:
             raise self._is_over(part.run_id, held.closed)
+        if held.is_known(place) and not segment.tells:
+            return []  # of a round that is over
         self._note(TokenTaken(now, part.run_id, content.hex(), sender))
-        return self._go_on(held, token.segment, now)
+        return self._heard(held, token.segment) if segment.tells else self._go_on(held, place, now)
 
     def take_end(self, run_id: str, outcome: str, reason: str, sender: int, now: float) -> list[Carry]:
         """A run is over, as a bridge of it says; or the server, also of one that is not known here.
@@ -219,36 +221,40 @@ class Holder:
     def segment_ended(
         self,
         run_id: str,
-        number: int,
+        place: SegmentRound,
         now: float,
         *,
         failed: str = "",
         results: dict[str, Value] | None = None,
         ends: str = "",
         reason: str = "",
+        way: bool = True,
     ) -> list[Carry]:
         """The engine has ended a segment.
 
         Args:
             run_id: the run.
-            number: the segment.
+            place: the segment, in its round.
             now: by the wall clock.
             failed: why it has failed; empty where it is done.
             results: all that its tasks have given, by `task.result`.
             ends: where an `end` step has ended all of the run: how.
             reason: why, then.
+            way: what it has decided, where it ends with a decision.
         """
         held = self.runs.get(run_id)
-        if held is None or number in held.over or number not in held.begun:
+        if held is None or place in held.over or place not in held.begun:
             return []
-        known = dict(self._values(held, number)) | (results or {})
-        failed = failed or self._unfit(held, number, known)
-        self._note(SegmentOver(now, run_id, number, failed, {} if failed else known, ends))
+        known = held.values(place) | (results or {})
+        over = SegmentOver(now, run_id, place.number, failed, {} if failed else known, ends, place.rounds, way)
+        if not failed and (unfit := self._unfit(held, place, over)):
+            over = replace(over, failed=unfit, results={})
+        self._note(over)
         if held.closed is not None:
             return []
         if ends:
             return self._close(held, ends, reason, self._space, now)
-        return self._after(held, number, now)
+        return self._after(held, place, now)
 
     def again(self, now: float) -> list[Carry]:
         """After a restart: what is to be begun, also of what the engine may have already.
@@ -256,6 +262,9 @@ class Holder:
         Nothing is while a token may have been adopted: `in_doubt` has the run then, and others are asked.
         """
         self.in_doubt = {run_id for run_id, held in self.runs.items() if held.may_be_adopted(now)}
+        for run_id in sorted(self.in_doubt):
+            if not self.runs[run_id].is_doubted:  # what comes meanwhile does not say that it was not adopted
+                self._note(RunDoubted(now, run_id, True))
         return self._all_again(now)
 
     def _all_again(self, now: float) -> list[Carry]:
@@ -269,19 +278,19 @@ class Holder:
         if run_id not in self.in_doubt:
             return []
         self.in_doubt.discard(run_id)
+        if self.runs[run_id].closed is None:
+            self._note(RunDoubted(now, run_id, False))
         return self._all_again(now)
 
     def _again(self, held: HeldRun, now: float) -> list[Carry]:
         if held.closed is not None:
             reason = held.closed.reason or held.closed.outcome
             return [Stop(held.part.run_id, held.active, reason)] if held.active else []
-        adoption, effects = held.adoption, list[Carry]()
-        if adoption is not None:
-            effects.append(Gone(held.part.run_id, adoption.gone, adoption.by))
+        effects: list[Carry] = [Gone(held.part.run_id, each.gone, each.by) for each in held.adoptions]
         effects += self._paused(held) if held.is_paused else self._resumed(held, now)
-        for number in list(held.over):
-            if held.closed is None:
-                effects += self._after(held, number, now)
+        for place in list(held.over):
+            if held.closed is None and place in held.over:
+                effects += self._after(held, place, now)
         return effects
 
     # What is to be sent, and what came of it.
@@ -299,17 +308,17 @@ class Holder:
             is_in_doubt = held.part.run_id in self.in_doubt
             asked = held.part.spaces if is_in_doubt else sorted(held.asks)
             yield from [AskEpoch(held.part.run_id, space) for space in asked if space != self._space]
-            for number, over in held.over.items() if not is_in_doubt else ():
-                for road in self._roads(held, number, over):
-                    if (number, road.segment, road.slot) not in held.handed:
-                        yield SendToken(held.part.run_id, number, road, self._token(held, over, road))
+            for place, over in held.over.items() if not is_in_doubt else ():
+                for road in held.roads(place, over):
+                    if (place, road.segment, road.slot) not in held.handed:
+                        yield SendToken(held.part.run_id, place, road, held.token(place, over, road))
 
     def handed_over(self, sent: SendToken, now: float) -> None:
         """The target of a token has it."""
         held = self.runs.get(sent.run_id)
-        key = (sent.segment, sent.road.segment, sent.road.slot)
-        if held is not None and key not in held.handed:
-            self._note(HandedOver(now, sent.run_id, *key))
+        source, road = sent.source, sent.road
+        if held is not None and (source, road.segment, road.slot) not in held.handed:
+            self._note(HandedOver(now, sent.run_id, source.number, road.segment, road.slot, source.rounds))
 
     def end_told(self, sent: SendEnd, now: float) -> None:
         """A bridge has acknowledged the end of a run."""
@@ -360,23 +369,29 @@ class Holder:
 
     # Within.
 
-    def _go_on(self, held: HeldRun, number: int, now: float) -> list[Carry]:
+    def _go_on(self, held: HeldRun, place: SegmentRound, now: float) -> list[Carry]:
         """Begin a segment once all of its slots are filled."""
-        segment = held.part.segments[number]
-        if number in held.begun or number in held.over or held.closed is not None:
+        segment = held.part.segments[place.number]
+        if held.is_known(place) or held.closed is not None:
             return []
-        tokens = [held.tokens.get((number, slot)) for slot in range(segment.slots)]
-        whole = held.tokens.get((number, WHOLE))
+        tokens = [held.tokens.get((place, slot)) for slot in range(segment.slots)]
+        whole = held.tokens.get((place, WHOLE))
         if whole is None and None in tokens:
             return []
         failed = whole.failed if whole is not None else next((one.failed for one in tokens if one and one.failed), "")
         if failed:
-            self._note(SegmentOver(now, held.part.run_id, number, failed))
-            return self._after(held, number, now)
+            self._note(SegmentOver(now, held.part.run_id, place.number, failed, rounds=place.rounds))
+            return self._after(held, place, now)
         if held.is_paused or self.in_doubt:
             return []
-        self._note(SegmentBegun(now, held.part.run_id, number))
-        return [self._begin(held, number)]
+        self._note(SegmentBegun(now, held.part.run_id, place.number, place.rounds))
+        return [held.begin(place), *held.tells(place)]
+
+    def _heard(self, held: HeldRun, mailbox: int) -> list[Carry]:
+        """Tell the segments that hear a mailbox what has come."""
+        if held.is_paused or self.in_doubt:
+            return []
+        return [tell for place in held.hearers(mailbox) for tell in held.tells(place)]
 
     def _paused(self, held: HeldRun) -> list[Carry]:
         """Have the engine begin nothing; a segment that it has not got yet it does not get."""
@@ -385,61 +400,35 @@ class Holder:
 
     def _resumed(self, held: HeldRun, now: float) -> list[Carry]:
         """Have the engine go on with what was begun, and begin what can be."""
-        effects: list[Carry] = [self._begin(held, number) for number in held.active]
+        effects: list[Carry] = [held.begin(place) for place in held.active]
+        effects += [tell for place in held.active for tell in held.tells(place)]
         if held.pause is not None and held.active:
             effects.append(Pause(held.part.run_id, held.active, False, held.pause.by))
-        for number in held.part.segments:
-            if number not in held.begun and number not in held.over:
-                effects += self._go_on(held, number, now)
+        for place in dict.fromkeys([place for place, _ in held.tokens]):
+            if not held.part.segments[place.number].tells:
+                effects += self._go_on(held, place, now)
         return effects
 
-    def _begin(self, held: HeldRun, number: int) -> Begin:
-        facts = () if held.adoption is None else held.adoption.facts.get(number, ())
-        return Begin(held.part.run_id, held.part.segments[number], self._values(held, number), facts)
-
-    def _values(self, held: HeldRun, number: int) -> dict[str, Value]:
-        values: dict[str, Value] = {}
-        for slot in range(held.part.segments[number].slots):
-            token = held.tokens.get((number, slot))
-            if token is not None:
-                values |= token.values
-        return values
-
-    def _after(self, held: HeldRun, number: int, now: float) -> list[Carry]:
+    def _after(self, held: HeldRun, place: SegmentRound, now: float) -> list[Carry]:
         """What follows from the end of a segment here; tokens for others are in `to_send`."""
-        over, effects = held.over[number], list[Carry]()
-        roads = self._roads(held, number, over)
+        over, effects = held.over[place], list[Carry]()
+        roads = held.roads(place, over)
         if not roads:
             return self._close(held, "failed" if over.failed else "done", over.failed, self._space, now)
         for road in roads:
-            if road.space == self._space and (number, road.segment, road.slot) not in held.handed:
-                content = self._token(held, over, road)
-                effects += self.take_token(content, self._space, now)
+            if road.space == self._space and (place, road.segment, road.slot) not in held.handed:
+                effects += self.take_token(held.token(place, over, road), self._space, now)
                 if held.closed is not None:
                     return effects
-                self._note(HandedOver(now, held.part.run_id, number, road.segment, road.slot))
+                self._note(HandedOver(now, held.part.run_id, place.number, road.segment, road.slot, place.rounds))
         return effects
 
-    def _roads(self, held: HeldRun, number: int, over: SegmentOver) -> tuple[Road, ...]:
-        segment = held.part.segments[number]
-        if over.ends:
-            return ()
-        if over.failed:
-            return () if segment.fails is None else (segment.fails,)
-        return segment.then
-
-    def _token(self, held: HeldRun, over: SegmentOver, road: Road) -> bytes:
-        values = {name: over.results[name] for name in road.needs if name in over.results}
-        part = held.part
-        token = Token(part.run_id, part.plan_hash, part.epoch, road.segment, road.slot, over.failed, values)
-        return encode_token(token, road.needs)
-
-    def _unfit(self, held: HeldRun, number: int, values: dict[str, Value]) -> str:
+    @staticmethod
+    def _unfit(held: HeldRun, place: SegmentRound, over: SegmentOver) -> str:
         """Why a token of a segment cannot be made; empty where it can."""
-        over = SegmentOver(0.0, held.part.run_id, number, "", values)
         try:
-            for road in held.part.segments[number].then:
-                self._token(held, over, road)
+            for road in held.roads(place, over):
+                held.token(place, over, road)
         except TokenInvalid as error:
             return str(error)
         return ""
@@ -474,18 +463,20 @@ class Holder:
             case TokenTaken():
                 names = {number: segment.needs for number, segment in held.part.segments.items()}
                 token = decode_token(bytes.fromhex(fact.content), names)
-                held.tokens[token.segment, token.slot] = token
+                held.take(token)
             case SegmentBegun():
-                held.begun[fact.segment] = fact.at
+                held.begun[SegmentRound(fact.segment, fact.rounds)] = fact.at
             case SegmentOver():
-                held.over[fact.segment] = fact
+                held.over[SegmentRound(fact.segment, fact.rounds)] = fact
             case HandedOver():
-                held.handed.add((fact.segment, fact.target, fact.slot))
+                held.handed.add((SegmentRound(fact.segment, fact.rounds), fact.target, fact.slot))
             case RunClosed():
                 held.closed = fact
             case EndTold():
                 held.told.add(fact.space)
             case PauseTold():
                 held.pause = fact
+            case RunDoubted():
+                held.is_doubted = fact.is_doubted
             case PartAdopted():
                 held.adopt(decode_adoption(bytes.fromhex(fact.content)), fact.at)

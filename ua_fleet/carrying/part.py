@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from ua_fleet.carrying.fragments import decode_step, encode_step
-from ua_fleet.carrying.plan import Edge, Plan
-from ua_fleet.carrying.token import HASH_BYTES, MOST_RUN_ID, WHOLE
+from ua_fleet.carrying.plan import Edge, Hearing, Plan, Segment
+from ua_fleet.carrying.token import HASH_BYTES, MOST_LOOPS, MOST_RUN_ID, WHOLE, SegmentRound
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.model import Sequence, Task
@@ -31,10 +31,11 @@ __all__ = [
     "decode_part",
     "encode_part",
     "parts_of",
+    "segment_of",
     "segment_run",
 ]
 
-VERSION: Final = 1
+VERSION: Final = 2
 MOST_PART_BYTES: Final = 32_000
 """As it is sent: what one message has room for beside its head and signature."""
 MOST_JSON_BYTES: Final = 1_000_000
@@ -48,26 +49,51 @@ class PartInvalid(ScenarioError):
     remedy = "Run the same version of ua-fleet, with the same fleet.yaml, in the server and in the bridges."
 
 
+_LEAST_OF_A_ROAD: Final = 3
+"""Its segment, slot and space; then what is not empty or 0."""
+
+
 @dataclass(frozen=True, slots=True)
 class Road:
-    """Where a token goes, and which names it has for its segment."""
+    """Where a token goes, in which round, and which names it has for its slot."""
 
     segment: int
     slot: int
     space: int
     needs: tuple[str, ...] = ()
+    kept: int = 0
+    """Repetitions around both segments: the token says in which round of each it is."""
+    entered: int = 0
+    """Those that it begins, with their first round."""
+    is_next: bool = False
+    """Whether it begins the next round of the inmost that is kept."""
+
+    def place(self, rounds: tuple[int, ...]) -> SegmentRound:
+        """Where a token goes from a segment in these rounds."""
+        there = rounds[: self.kept] + (0,) * self.entered
+        return SegmentRound(self.segment, (*there[:-1], there[-1] + 1) if self.is_next else there)
 
 
 @dataclass(frozen=True, slots=True)
 class PartSegment:
-    """A segment as its bridge has it."""
+    """A segment as its bridge has it; see `plan.Segment`."""
 
     number: int
     slots: int
-    needs: tuple[str, ...]
+    needs: tuple[tuple[str, ...], ...]
     then: tuple[Road, ...]
     fails: Road | None
     body: Sequence
+    otherwise: tuple[Road, ...] = ()
+    lost: tuple[Road, ...] = ()
+    loops: tuple[int, ...] = ()
+    hears: tuple[Hearing, ...] = ()
+    tells: str = ""
+
+    @property
+    def roads(self) -> tuple[Road, ...]:
+        """All places that a token of it may go to."""
+        return (*self.then, *self.otherwise, *(() if self.fails is None else (self.fails,)), *self.lost)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,9 +120,15 @@ class Part:
         return frozenset([task.robot for task in tasks if task.robot is not None])
 
 
-def segment_run(run_id: str, segment: int) -> str:
-    """The id under which the engine of a bridge runs a segment: execution ids follow from it."""
-    return f"{run_id}.{segment}"
+def segment_run(run_id: str, place: SegmentRound) -> str:
+    """The id under which the engine of a bridge runs a segment in one round: execution ids follow from it."""
+    return f"{run_id}.{place}"
+
+
+def segment_of(segment_run_id: str) -> tuple[str, SegmentRound]:
+    """The run, and the segment in one round, of such an id."""
+    run_id, _, place = segment_run_id.rpartition(".")
+    return run_id, SegmentRound.parse(place)
 
 
 def parts_of(
@@ -115,10 +147,15 @@ def parts_of(
         segments[segment.space][number] = PartSegment(
             number,
             segment.slots,
-            segment.needs,
-            tuple([_road(plan, edge) for edge in segment.then]),
-            None if segment.fails is None else _road(plan, segment.fails),
+            tuple(segment.needs),
+            tuple([_road(plan, segment, edge) for edge in segment.then]),
+            None if segment.fails is None else _road(plan, segment, segment.fails),
             Sequence("", 0, tuple(segment.steps)),
+            tuple([_road(plan, segment, edge) for edge in segment.otherwise]),
+            tuple([_road(plan, segment, edge) for edge in segment.lost]),
+            segment.loops,
+            tuple(segment.hears),
+            segment.tells,
         )
 
     def made(space: int, plan_hash: bytes) -> Part:
@@ -142,25 +179,41 @@ def parts_of(
     return {space: made(space, plan_hash) for space in plan.spaces}
 
 
-def _road(plan: Plan, edge: Edge) -> Road:
+def _road(plan: Plan, source: Segment, edge: Edge) -> Road:
     target = plan.segments[edge.segment]
-    return Road(edge.segment, edge.slot, target.space, target.needs)
+    pairs = enumerate(zip(source.loops, target.loops, strict=False))
+    shortest = min(len(source.loops), len(target.loops))
+    kept = next((count for count, (one, other) in pairs if one != other), shortest)
+    needs = () if edge.slot == WHOLE else target.needs[edge.slot]
+    return Road(edge.segment, edge.slot, target.space, needs, kept, len(target.loops) - kept, edge.is_next)
+
+
+def _encode_road(road: Road) -> list[Any]:
+    content = [road.segment, road.slot, road.space, road.needs, road.kept, road.entered, int(road.is_next)]
+    while not content[-1] and len(content) > _LEAST_OF_A_ROAD:
+        content.pop()  # most roads have none of it
+    return content
+
+
+def _encode_segment(segment: PartSegment) -> dict[str, Any]:
+    content = {
+        "n": segment.number,
+        "slots": segment.slots,
+        "needs": segment.needs,
+        "then": [_encode_road(road) for road in segment.then],
+        "otherwise": [_encode_road(road) for road in segment.otherwise],
+        "fails": None if segment.fails is None else _encode_road(segment.fails),
+        "lost": [_encode_road(road) for road in segment.lost],
+        "loops": segment.loops,
+        "hears": segment.hears,
+        "tells": segment.tells,
+        "steps": [encode_step(step) for step in segment.body.steps],
+    }
+    return {name: value for name, value in content.items() if value or name in ("n", "needs", "steps", "then")}
 
 
 def _json(part: Part) -> bytes:
-    segments = [
-        {
-            "n": segment.number,
-            "slots": segment.slots,
-            "needs": segment.needs,
-            "then": [[road.segment, road.slot, road.space, road.needs] for road in segment.then],
-            "fails": None
-            if segment.fails is None
-            else [segment.fails.segment, segment.fails.slot, segment.fails.space],
-            "steps": [encode_step(step) for step in segment.body.steps],
-        }
-        for segment in part.segments.values()
-    ]
+    segments = [_encode_segment(segment) for segment in part.segments.values()]
     content = {
         "version": VERSION,
         "run": part.run_id,
@@ -230,14 +283,38 @@ def _part(data: Any) -> Part:
 
 def _segment(data: Any) -> PartSegment:
     steps: list[ScenarioStep] = [decode_step(step) for step in data["steps"]]
-    slots, fails = int(data["slots"]), data["fails"]
-    if not 0 < slots <= WHOLE:
-        raise PartInvalid(f"a segment has {slots} slots")
+    slots, fails = int(data["slots"]), data.get("fails")
+    needs = tuple([tuple([str(name) for name in names]) for names in data["needs"]])
+    loops = tuple([int(number) for number in data.get("loops", ())])
+    if not 0 < slots <= WHOLE or len(needs) != slots:
+        raise PartInvalid(f"a segment has {slots} slots, and the names of {len(needs)}")
+    if len(loops) > MOST_LOOPS:
+        raise PartInvalid(f"a segment is within {len(loops)} repetitions, and {MOST_LOOPS} are carried")
     return PartSegment(
         int(data["n"]),
         slots,
-        tuple(data["needs"]),
-        tuple([Road(int(one[0]), int(one[1]), int(one[2]), tuple(one[3])) for one in data["then"]]),
-        None if fails is None else Road(int(fails[0]), int(fails[1]), int(fails[2])),
+        needs,
+        _decode_roads(data["then"]),
+        None if fails is None else _decode_road(fails),
         Sequence("", 0, tuple(steps)),
+        _decode_roads(data.get("otherwise", ())),
+        _decode_roads(data.get("lost", ())),
+        loops,
+        tuple([Hearing(int(mailbox), int(count)) for mailbox, count in data.get("hears", ())]),
+        str(data.get("tells", "")),
     )
+
+
+def _decode_roads(data: Any) -> tuple[Road, ...]:
+    return tuple([_decode_road(one) for one in data])
+
+
+def _decode_road(data: Any) -> Road:
+    given: list[Any] = list(data)
+    left_out: list[Any] = [(), 0, 0, 0]
+    segment, slot, space, needs, kept, entered, is_next = given + left_out[len(given) - _LEAST_OF_A_ROAD :]
+    kept, entered = int(kept), int(entered)
+    if not 0 <= kept + entered <= MOST_LOOPS or min(kept, entered) < 0 or (is_next and not kept):
+        raise PartInvalid("a token of a part goes into repetitions that there cannot be")
+    names = tuple([str(name) for name in needs])
+    return Road(int(segment), int(slot), int(space), names, kept, entered, bool(is_next))

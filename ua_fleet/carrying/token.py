@@ -7,11 +7,12 @@
     UInt16   epoch
     8 bytes  hash of the plan
     Byte, n  run id, ASCII
+    Byte, n  numbers of the repetitions around the segment, each UInt32, the outer ones first
     failed:  Byte, n  why, UTF-8
-    else:    1 bit for each name that the segment needs, whether its value is there; then those values, each
+    else:    1 bit for each name that the slot needs, whether its value is there; then those values, each
              Byte 0 false, 1 true, 2 Int64, 3 Double, 4 UInt64, 5 text as Byte, n
 
-Names do not travel: both sides have those that a segment needs in their parts, in one order. All numbers are little
+Names do not travel: both sides have those that a slot needs in their parts, in one order. All numbers are little
 endian, as in UADP. A plan whose token could be larger than 1,200 bytes is not carried, which `most_bytes` says before
 it begins; so a token never is.
 """
@@ -20,8 +21,8 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass, field, replace
+from typing import Final, NamedTuple
 
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario.expression import Value
@@ -29,10 +30,12 @@ from ua_fleet.values import BuiltinType, StatusCode
 
 __all__ = [
     "HASH_BYTES",
+    "MOST_LOOPS",
     "MOST_RUN_ID",
     "MOST_TEXT_BYTES",
     "MOST_TOKEN_BYTES",
     "WHOLE",
+    "SegmentRound",
     "Token",
     "TokenInvalid",
     "decode_token",
@@ -41,9 +44,11 @@ __all__ = [
 ]
 
 MOST_TOKEN_BYTES: Final = 1200
-VERSION: Final = 1
+VERSION: Final = 2
 HASH_BYTES: Final = 8
 MOST_RUN_ID: Final = 40
+MOST_LOOPS: Final = 16
+"""Repetitions within each other whose steps several bridges do."""
 MOST_TEXT_BYTES: Final = 64
 """Of a result that is a text and that later steps read, as UTF-8."""
 MOST_REASON_BYTES: Final = 200
@@ -51,6 +56,7 @@ WHOLE: Final = 255
 """In place of a slot: nothing else comes to this segment, it has failed as a whole."""
 _HEAD: Final = struct.Struct("<BBHBH8sB")
 _FAILED: Final = 1
+_ROUND: Final = struct.Struct("<I")
 _INT64: Final = struct.Struct("<q")
 _UINT64: Final = struct.Struct("<Q")
 _DOUBLE: Final = struct.Struct("<d")
@@ -61,6 +67,25 @@ class TokenInvalid(ScenarioError):
 
     ua_status = StatusCode.BAD_INVALID_ARGUMENT
     remedy = "Run the same version of ua-fleet in all bridges; see which one sends it."
+
+
+class SegmentRound(NamedTuple):
+    """A segment in one round of the repetitions around it. It is begun once."""
+
+    number: int
+    """Of the segment."""
+    rounds: tuple[int, ...] = ()
+    """The numbers of those repetitions, the outer ones first."""
+
+    def __str__(self) -> str:
+        """Return `4`, or `4@0@2` within repetitions."""
+        return f"{self.number}{''.join(f'@{number}' for number in self.rounds)}"
+
+    @classmethod
+    def parse(cls, text: str) -> SegmentRound:
+        """The place of such a text; raises ValueError."""
+        number, *rounds = text.split("@")
+        return cls(int(number), tuple(map(int, rounds)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +100,19 @@ class Token:
     failed: str = ""
     values: Mapping[str, Value] = field(default_factory=dict[str, Value])
     """Results that are read from here on, by `task.result`; those that there are."""
+    rounds: tuple[int, ...] = ()
+
+    @property
+    def place(self) -> SegmentRound:
+        """The segment that it is for, and in which round."""
+        return SegmentRound(self.segment, self.rounds)
 
 
-def most_bytes(kinds: Iterable[int]) -> int:
-    """The most bytes that a token has whose segment needs results of these built-in types."""
+def most_bytes(kinds: Iterable[int], loops: int = 0) -> int:
+    """The most bytes that a token has whose slot needs results of these built-in types, within so many repetitions."""
     sizes = [_most_of(kind) for kind in kinds]
-    return _HEAD.size + MOST_RUN_ID + max((len(sizes) + 7) // 8 + sum(sizes), 1 + MOST_REASON_BYTES)
+    head = _HEAD.size + MOST_RUN_ID + 1 + _ROUND.size * loops
+    return head + max((len(sizes) + 7) // 8 + sum(sizes), 1 + MOST_REASON_BYTES)
 
 
 def _most_of(kind: int) -> int:
@@ -90,7 +122,7 @@ def _most_of(kind: int) -> int:
 
 
 def encode_token(token: Token, names: Sequence[str]) -> bytes:
-    """A token as bytes; `names` are those that its segment needs, in their order.
+    """A token as bytes; `names` are those that its slot needs, in their order.
 
     Raises:
         TokenInvalid: a text is longer than 64 bytes, or a number than 64 bits.
@@ -98,9 +130,13 @@ def encode_token(token: Token, names: Sequence[str]) -> bytes:
     run_id = token.run_id.encode("ascii")
     if len(run_id) > MOST_RUN_ID or len(token.plan_hash) != HASH_BYTES:
         raise TokenInvalid(f"run {token.run_id[:80]!r} cannot have a token: its id or hash has another length")
+    if len(token.rounds) > MOST_LOOPS or any(not 0 <= number < 1 << 32 for number in token.rounds):
+        raise TokenInvalid(f"run {run_id[:80]!r} cannot have a token in the repetitions {token.rounds[:20]}")
     flags = _FAILED if token.failed else 0
     head = _HEAD.pack(VERSION, flags, token.segment, token.slot, token.epoch, token.plan_hash, len(run_id))
-    out = bytearray(head + run_id)
+    out = bytearray(head + run_id + bytes([len(token.rounds)]))
+    for number in token.rounds:
+        out += _ROUND.pack(number)
     if token.failed:
         reason = clipped(token.failed, MOST_REASON_BYTES).encode()
         return bytes(out + bytes([len(reason)]) + reason)
@@ -164,15 +200,16 @@ class _Reader:
         return self._at == len(self._content)
 
 
-def decode_token(content: bytes, names_of: Mapping[int, Sequence[str]] | None = None) -> Token:
+def decode_token(content: bytes, names_of: Mapping[int, Sequence[Sequence[str]]] | None = None) -> Token:
     """The token in bytes that somebody has sent.
 
     Args:
         content: the bytes.
-        names_of: the names that segments need, by their numbers; None reads the head alone, without values.
+        names_of: the names that each slot of a segment needs, by the numbers of the segments; None reads the head
+            alone, without values.
 
     Raises:
-        TokenInvalid: it is none, or for a segment that is not there.
+        TokenInvalid: it is none, or for a segment or slot that is not there.
     """
     if len(content) > MOST_TOKEN_BYTES:
         raise TokenInvalid(f"a token has at most {MOST_TOKEN_BYTES} bytes, this one {len(content)}")
@@ -184,16 +221,24 @@ def decode_token(content: bytes, names_of: Mapping[int, Sequence[str]] | None = 
         run_id = reader.take(length).decode("ascii")
     except UnicodeDecodeError as error:
         raise TokenInvalid("a token has a run id that is not ASCII") from error
+    count = reader.take(1)[0]
+    if count > MOST_LOOPS:
+        raise TokenInvalid(f"a token is within {count} repetitions, and {MOST_LOOPS} are carried")
+    rounds = tuple([int(_ROUND.unpack(reader.take(_ROUND.size))[0]) for _ in range(count)])
     failed = reader.text() if flags & _FAILED else ""
-    token = Token(run_id, plan_hash, epoch, segment, slot, failed)
+    token = Token(run_id, plan_hash, epoch, segment, slot, failed, rounds=rounds)
     if names_of is None:
         return token
     if segment not in names_of:
         raise TokenInvalid(f"segment {segment} of run {run_id[:80]} is not of this bridge")
-    values = {} if failed else _values(reader, names_of[segment])
+    if slot != WHOLE and slot >= len(names_of[segment]):
+        raise TokenInvalid(f"segment {segment} of run {run_id[:80]} has no slot {slot}")
+    if slot == WHOLE and not failed:
+        raise TokenInvalid("a token for all slots says why the segment has failed")
+    values = {} if failed else _values(reader, names_of[segment][slot])
     if (flags & _FAILED and not failed) or not reader.is_over:
         raise TokenInvalid(f"a token of run {run_id[:80]} has {len(content)} bytes, and not those that it should")
-    return Token(run_id, plan_hash, epoch, segment, slot, failed, values)
+    return replace(token, values=values)
 
 
 def _values(reader: _Reader, names: Sequence[str]) -> dict[str, Value]:

@@ -31,6 +31,9 @@ from ua_fleet.orchestrator import (
     RunChanged,
     TaskWaiting,
 )
+from ua_fleet.scenario.asking import question_about
+from ua_fleet.scenario.facts import TaskOver, Then
+from ua_fleet.scenario.state import TaskPhase
 from ua_fleet.values import BuiltinType, NodeId, Variant
 
 __all__ = ["ScenarioView"]
@@ -77,6 +80,11 @@ class ScenarioView:
             self.runs[record.run_id] = record
             self._nodes.show_run(record)
 
+    def show_questions(self) -> None:
+        """Show what bridges asked people when the server ended: the folder of alarms is there."""
+        for record in self.runs.values():
+            self._show_questions(record)
+
     def show_settings(self, settings: ResilienceSettings) -> None:
         """Show how replacements are chosen."""
         self._nodes.show_settings(settings)
@@ -86,6 +94,16 @@ class ScenarioView:
         self._show(output)
         if self.dialogs is not None:
             self.dialogs.take(output, self.runs, self.decisions)
+        if isinstance(output, RunChanged) and isinstance(output.fact, TaskOver) and output.fact.then is Then.ASK:
+            self._show_questions(self.runs[output.run_id])
+
+    def _show_questions(self, record: RunRecord) -> None:
+        """Show what the bridges of a carried run ask people; of other runs, the orchestrator here says it."""
+        state = record.state
+        for step in state.in_phase(TaskPhase.ASKED) if state.carried and state.outcome is None else ():
+            task = state.tasks[step]
+            known = task.name, task.robot, question_about(task), task.skill, task.execution_id
+            self.show(OperatorAsked(record.run_id, step, *known))
 
     def _show(self, output: Output) -> None:
         match output:

@@ -237,6 +237,14 @@ class Orchestrator:
             self._under_way.tell(run_id, now, Run.event, name, now)
         return self._taken(now)
 
+    def outside_told(
+        self, run_id: str, task: str, now: float, *, is_done: bool, results: Mapping[str, Value]
+    ) -> list[Output]:
+        """What became of a task that another part of a carried run does; raises ScenarioError where there is no such
+        run.
+        """
+        return self._on(run_id, lambda run: run.told(task, now, is_done=is_done, results=results), now)
+
     # Robots.
 
     def accepted(self, execution_id: str, now: float) -> list[Output]:

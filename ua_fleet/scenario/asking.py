@@ -6,7 +6,7 @@ from ua_fleet.scenario.effects import AskOperator, CancelTask, DecisionNeeded, F
 from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.state import TaskPhase, TaskRun
 
-__all__ = ["asked_for", "cancel", "follow"]
+__all__ = ["asked_for", "cancel", "follow", "question_about"]
 
 
 def asked_for(
@@ -38,19 +38,23 @@ def asked_for(
         case TaskPhase.HALTING | TaskPhase.LOST:
             return follow(step, task_run)
         case TaskPhase.ASKED:
-            done = f"was {task.name} ({task_run.skill} on {task_run.robot}) done? {task_run.reason}"
-            danger = f"{task_run.robot} may still be at it, and a second robot would do it beside it, or twice"
             return AskOperator(
                 step,
                 task.name,
                 task_run.robot,
-                f"{done}; {danger}",
+                question_about(task_run),
                 task_run.skill,
                 task_run.execution_id,
                 task.capacities,
             )
         case TaskPhase.OVER:
             return None
+
+
+def question_about(task_run: TaskRun) -> str:
+    """What people are asked of a task that nobody knows the end of."""
+    done = f"was {task_run.name} ({task_run.skill} on {task_run.robot}) done? {task_run.reason}"
+    return f"{done}; {task_run.robot} may still be at it, and a second robot would do it beside it, or twice"
 
 
 def cancel(task_run: TaskRun) -> CancelTask:

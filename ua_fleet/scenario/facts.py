@@ -16,6 +16,7 @@ __all__ = [
     "EventSeen",
     "Fact",
     "IterationStarted",
+    "OutsideTold",
     "Replaced",
     "ReplacementWanted",
     "RobotReturned",
@@ -272,6 +273,18 @@ class EventSeen:
 
 
 @dataclass(frozen=True, slots=True)
+class OutsideTold:
+    """A part of a carried run is told what became of a task of another branch, which another part does."""
+
+    at: float
+    task: str
+    is_done: bool
+    """Else it was not done, and will not be."""
+    results: Mapping[str, Value] = field(default_factory=dict[str, Value])
+    """Those that are read here, by their names."""
+
+
+@dataclass(frozen=True, slots=True)
 class StepEnded:
     """A step is over."""
 
@@ -333,6 +346,7 @@ Fact = (
     | Replaced
     | RobotReturned
     | EventSeen
+    | OutsideTold
     | StepEnded
     | RunPaused
     | RunResumed

@@ -16,6 +16,7 @@ from ua_fleet.scenario.expression import Expression, Value
 __all__ = [
     "LEAST_PAUSE_S",
     "Argument",
+    "BranchPoint",
     "Condition",
     "End",
     "EndOutcome",
@@ -169,7 +170,23 @@ class End:
     reason: str = ""
 
 
-Step = Task | Sequence | Parallel | Condition | Repeat | Wait | End
+@dataclass(frozen=True, slots=True)
+class BranchPoint:
+    """Where the way of an `if`, or whether a `repeat` goes on, is decided for steps that others do (carried runs). Its
+    key is that of the `if` or `repeat`; it is the last step of what one bridge does.
+    """
+
+    key: str
+    line: int
+    condition: Expression | None = None
+    timeout_s: float = 10.0
+    is_loop: bool = False
+    times: int | None = None
+    round: int = 0
+    """The repetition that would begin; the first is 0."""
+
+
+Step = Task | Sequence | Parallel | Condition | Repeat | Wait | End | BranchPoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,6 +199,10 @@ class Scenario:
     parameters: tuple[Parameter, ...] = ()
     text: str = ""
     """The file as it was read: a run keeps it, whatever becomes of the file."""
+    scope: str = ""
+    """The numbers of the repetitions around it, `@0@3`, where it is a part of a scenario that a bridge does."""
+    outside: frozenset[str] = frozenset()
+    """Tasks beside this part, which others do, and of which the run is told what became of them."""
 
     def steps(self) -> Iterator[Step]:
         """Every step, in the order in which it is written."""
@@ -199,7 +220,7 @@ class Scenario:
                     expressions = [value for value in arguments.values() if isinstance(value, Expression)]
                 case Condition(when=when):
                     expressions = [when]
-                case Repeat(while_=condition) | Wait(until=condition):
+                case Repeat(while_=condition) | Wait(until=condition) | BranchPoint(condition=condition):
                     expressions = [] if condition is None else [condition]
                 case _:
                     continue
@@ -236,3 +257,5 @@ def takes_time(step: Step) -> bool:
             return for_s is not None and for_s >= LEAST_PAUSE_S
         case Task() | End():
             return True
+        case BranchPoint():
+            return False

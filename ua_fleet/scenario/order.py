@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from itertools import takewhile
 
-from ua_fleet.scenario.model import Condition, End, Parallel, Repeat, Sequence, Step, Task, Wait
+from ua_fleet.scenario.model import BranchPoint, Condition, End, Parallel, Repeat, Sequence, Step, Task, Wait
 from ua_fleet.scenario.state import RunState
 
 __all__ = ["TaskOrder", "ahead"]
@@ -14,8 +14,8 @@ __all__ = ["TaskOrder", "ahead"]
 class TaskOrder:
     """Which tasks a task comes after. What repeats both has them come after each other each time."""
 
-    def __init__(self, tasks: Iterable[Task]) -> None:
-        """Take in all tasks of a scenario."""
+    def __init__(self, tasks: Iterable[Task], outside: Container[str] = ()) -> None:
+        """Take in all tasks of a scenario; `outside` are those that others do, and of which the run is told."""
         known = list(tasks)
         keys = {task.name: task.key for task in known}
         self._before: Mapping[str, list[tuple[str, str, int]]] = {
@@ -28,14 +28,24 @@ class TaskOrder:
             if task.after
         }
         """The name and key of each task before one, and how many repetitions are around both."""
+        self._outside: Mapping[str, list[str]] = {
+            task.key: names for task in known if (names := [name for name in task.after if name in outside])
+        }
 
     def is_turn(self, step: str, state: RunState) -> bool:
         """Whether all tasks before a task's step have been done."""
-        return not any(True for _ in self._missing(step, state))
+        is_told = all(state.outside.get(name) for name in self._outside_of(step))
+        return is_told and not any(True for _ in self._missing(step, state))
 
     def lost(self, step: str, state: RunState) -> str | None:
         """A task before a step that was not done and will not be, by its name."""
+        for name in self._outside_of(step):
+            if state.outside.get(name) is False:
+                return name
         return next((name for name, key, numbers in self._missing(step, state) if _is_over(key, numbers, state)), None)
+
+    def _outside_of(self, step: str) -> list[str]:
+        return self._outside.get(step.partition("@")[0], []) if self._outside else []
 
     def _missing(self, step: str, state: RunState) -> Iterator[tuple[str, str, list[str]]]:
         key, *numbers = step.split("@")
@@ -70,7 +80,7 @@ def ahead(step: Step, state: RunState, scope: str = "") -> Iterator[tuple[str, T
                 for later, task in ahead(body, state, f"{scope}@{number + 1}"):
                     if task.key not in known:
                         yield later, task
-        case Wait() | End():
+        case Wait() | End() | BranchPoint():
             return
 
 

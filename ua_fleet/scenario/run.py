@@ -40,6 +40,7 @@ from ua_fleet.scenario.expression import Lookup, Value, ValueUnknown
 from ua_fleet.scenario.facts import (
     EventSeen,
     Fact,
+    OutsideTold,
     Replaced,
     ReplacementWanted,
     RobotReturned,
@@ -99,7 +100,7 @@ class Run:
         """Use `create` for a new run and `restore` for one of the journal."""
         self._scenario, self._journal, self.state, self._world = scenario, journal, state, world
         self._tasks = {task.key: task for task in scenario.tasks()}
-        self._order = TaskOrder(self._tasks.values())
+        self._order = TaskOrder(self._tasks.values(), scenario.outside)
         self._lookup: Lookup = _nothing_known
         self._deadline: float | None = None
         self._walk = StepWalk(state, self.note, self._close, self._take_task)
@@ -330,6 +331,16 @@ class Run:
 
         return self._after(now, take)
 
+    def told(self, task: str, now: float, *, is_done: bool, results: Mapping[str, Value]) -> list[Effect]:
+        """What became of a task that another part of a carried run does; said again, nothing changes."""
+
+        def take(moment: WalkState) -> None:
+            known = self.state.outside.get(task)
+            if known is None or (is_done and (not known or self.state.results.get(task) != results)):
+                self.note(OutsideTold(now, task, is_done, results), moment)
+
+        return self._after(now, take)
+
     def pause(self, by: str, now: float) -> list[Effect]:
         """Start no further task."""
 
@@ -401,7 +412,7 @@ class Run:
         while before != len(moment.effects) and self.state.closing is None:
             before = len(moment.effects)  # once more where a task that ended lets another branch go on (`after`)
             moment.deadlines.clear()
-            ended = self._walk.go(self._scenario.body, moment)
+            ended = self._walk.go(self._scenario.body, moment, self._scenario.scope)
             if ended is not None:
                 outcome = RunOutcome.FAILED if ended is StepState.FAILED else RunOutcome.DONE
                 self.note(RunEnded(moment.now, outcome, self.state.first_failure), moment)
@@ -566,7 +577,7 @@ class Run:
 
     def ahead(self) -> Iterator[tuple[str | None, Task]]:
         """The tasks that are not over, with their robots; None where any will do."""
-        for step, task in ahead(self._scenario.body, self.state):
+        for step, task in ahead(self._scenario.body, self.state, self._scenario.scope):
             task_run = self.state.tasks.get(step)
             if task_run is None or task_run.phase is TaskPhase.WANTED:
                 yield self.robot_for(task, task_run), task
@@ -578,12 +589,12 @@ class Run:
     def look_up(self, name: str) -> Value:
         """A parameter, a task's result or a robot's value now; raises ValueUnknown."""
         state = self.state
-        if name in state.parameters:
-            return state.parameters[name]
         task, _, result = name.partition(".")
         results = state.results.get(task)
         if results is not None and result in results:
             return results[result]
+        if name in state.parameters:  # of a part, also results of steps before it
+            return state.parameters[name]
         return self._lookup(name)
 
     def note(self, fact: Fact, moment: WalkState) -> None:

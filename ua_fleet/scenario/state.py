@@ -13,6 +13,7 @@ from ua_fleet.scenario.facts import (
     EventSeen,
     Fact,
     IterationStarted,
+    OutsideTold,
     Replaced,
     ReplacementWanted,
     RobotReturned,
@@ -138,6 +139,8 @@ class RunState:
     closing: RunClosing | None = None
     carried: tuple[int, ...] = ()
     """The spaces of the bridges that carry the run; none: the server does it."""
+    outside: dict[str, bool] = field(default_factory=dict[str, bool])
+    """Whether tasks of other branches, which other parts of a carried run do, are done; False: they will not be."""
     outcome: RunOutcome | None = None
     reason: str = ""
 
@@ -188,6 +191,8 @@ class RunState:
             case IterationStarted():
                 self.iterations[fact.step] = fact.number
                 self._forget_iteration(fact.step, fact.number - 1)
+            case OutsideTold():
+                self._outside_told(fact)
             case EventSeen():
                 self.events_seen.add(fact.step)
                 self.waiting_for_events.pop(fact.step, None)
@@ -195,16 +200,21 @@ class RunState:
                 self._step_ended(fact)
             case RobotReturned():
                 self._let_back(fact.robot, (fact.capacity,))
-            case RunPaused():
-                self.paused = True
-            case RunResumed():
-                self.paused = False
+            case RunPaused() | RunResumed():
+                self.paused = isinstance(fact, RunPaused)
             case RunClosing():
                 self.closing = fact
             case RunEnded():
                 self.outcome, self.reason = fact.outcome, fact.reason
             case _:
                 self._task_changed(fact)
+
+    def _outside_told(self, fact: OutsideTold) -> None:
+        if fact.is_done:
+            self.outside[fact.task] = True
+            self.results[fact.task] = fact.results
+        else:
+            self.outside.setdefault(fact.task, False)
 
     def _forget_iteration(self, repeat: str, number: int) -> None:
         """What was within an iteration is never looked at again, but for the last tasks, which people see."""

@@ -12,7 +12,7 @@ from ua_fleet.errors import ConfigError
 from ua_fleet.fleet.skills import SkillModel
 from ua_fleet.names import closest, listed
 from ua_fleet.scenario.expression import Expression, ValueUnknown, split_index
-from ua_fleet.scenario.model import Condition, End, OnTimeout, Parallel, Repeat, Scenario, Step, Task, Wait
+from ua_fleet.scenario.model import BranchPoint, Condition, End, OnTimeout, Parallel, Repeat, Scenario, Step, Task, Wait
 from ua_fleet.scenario.model import Sequence as Steps
 from ua_fleet.scenario.parameters import argument_problems
 
@@ -134,7 +134,7 @@ class _Checker:
             case Wait():
                 self._wait(step)
                 return step
-            case End():
+            case End() | BranchPoint():
                 return step
 
     def _steps(self, steps: Steps) -> Steps:
@@ -304,7 +304,7 @@ def _ends_run(step: Step) -> bool:
             return _ends_run(then) and _ends_run(otherwise)
         case Repeat(body=body, while_=while_):
             return while_ is None and _ends_run(body)
-        case Task() | Wait():
+        case Task() | Wait() | BranchPoint():
             return False
 
 
@@ -316,7 +316,7 @@ def _inner(step: Step) -> tuple[Step, ...]:
             return then, otherwise
         case Repeat(body=body):
             return (body,)
-        case Task() | Wait() | End():
+        case Task() | Wait() | End() | BranchPoint():
             return ()
 
 

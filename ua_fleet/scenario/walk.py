@@ -17,7 +17,19 @@ from ua_fleet.scenario.facts import (
     StepStarted,
     StepState,
 )
-from ua_fleet.scenario.model import Condition, End, EndOutcome, OnTimeout, Parallel, Repeat, Sequence, Step, Task, Wait
+from ua_fleet.scenario.model import (
+    BranchPoint,
+    Condition,
+    End,
+    EndOutcome,
+    OnTimeout,
+    Parallel,
+    Repeat,
+    Sequence,
+    Step,
+    Task,
+    Wait,
+)
 from ua_fleet.scenario.state import RunState
 
 __all__ = ["StepWalk", "WalkState"]
@@ -64,6 +76,8 @@ class StepWalk:
         ended = self._state.ended.get(key)
         if ended is not None or self._state.closing is not None:
             return ended
+        if isinstance(step, BranchPoint):
+            return self._branch_point(step, key, moment)
         if key not in self._state.started:
             self._note(StepStarted(moment.now, key), moment)
         result, reason = self._take(step, key, scope, moment)
@@ -71,8 +85,33 @@ class StepWalk:
             self._note(StepEnded(moment.now, key, result, reason), moment)
         return result
 
+    def _branch_point(self, step: BranchPoint, key: str, moment: WalkState) -> StepState | None:
+        """Decide, and leave what follows to others: the step itself ends here only where nothing of it follows."""
+        state, number = self._state, step.round
+        if key in state.branches or (step.is_loop and state.iterations.get(key, -1) >= number):
+            return StepState.DONE
+        if not number and key not in state.started:
+            self._note(StepStarted(moment.now, key), moment)
+        decided: bool | str | None = step.times is None or number < step.times
+        if decided is True and step.condition is not None:
+            known_as = f"{key}@{number - 1}" if step.is_loop else key
+            decided = self._decide(step.condition, known_as, step.timeout_s, moment)
+        if decided is None:
+            return None
+        if isinstance(decided, str):
+            self._note(StepEnded(moment.now, key, StepState.FAILED, decided), moment)
+        elif not step.is_loop:
+            self._note(BranchTaken(moment.now, key, decided), moment)
+        elif decided:
+            self._note(IterationStarted(moment.now, key, number), moment)
+        else:
+            self._note(StepEnded(moment.now, key, StepState.DONE), moment)
+        return state.ended.get(key, StepState.DONE)
+
     def _take(self, step: Step, key: str, scope: str, moment: WalkState) -> _Result:
         match step:
+            case BranchPoint():
+                raise AssertionError("it is taken by itself")
             case Task():
                 return self._task(step, key, moment), ""
             case Sequence(steps=steps):

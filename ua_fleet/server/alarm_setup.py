@@ -107,4 +107,5 @@ def make_alarms(
     alarms.added = nodes.add
     scenarios.news.alarms_restored(alarms.faults())
     ConditionMethods(server, view, scenarios, nodes, alarms, carried).build()
+    view.show_questions()
     return alarms

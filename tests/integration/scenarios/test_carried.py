@@ -8,17 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from asyncua.client.client import Client
 
-from tests.integration.scenarios.conftest import Plant, all_heard, call, open_decision, run_is, says, texts, value
+from tests.integration.scenarios.carried_runs import THREE, mutual, reason_of, run_carried, told_by
+from tests.integration.scenarios.conftest import Plant, all_heard, call, open_decision, run_is, texts, value
 from tests.integration.server_model.harness import until
 from tests.system import Processes
 
-THREE = """
-  - {task: first, skill: work, robot: left, arguments: {work: one}}
-  - {task: second, skill: work, robot: middle, arguments: {work: two}}
-  - {task: third, skill: work, robot: right, arguments: {work: "=second.done"}}
-"""
 FORKED = """
   - {task: first, skill: work, robot: left, arguments: {work: one}}
   - parallel:
@@ -31,21 +26,22 @@ FORKED = """
 """
 
 
-def mutual(plant: Plant) -> None:
-    """Let all bridges send each other Actions."""
-
-    def change(raw: dict[str, Any]) -> None:
-        for bridge in raw["bridges"].values():
-            bridge["requestors"] = [0, 300, 301, 302]
-
-    plant.declare(change)
-
-
-async def run_carried(client: Client, name: str) -> str:
-    called = await call(client, "Scenarios", "RunCarried", name, texts(), texts())
-    assert called.status == 0, called.message
-    run_id: str = called.outputs[0]
-    return run_id
+ROUNDS = """
+  - {task: first, skill: work, robot: left, arguments: {work: first, seconds: 2}}
+  - repeat:
+      - parallel:
+          - - {task: a, skill: work, robot: middle, arguments: {work: a, seconds: 0.3}}
+            - {task: b, skill: work, robot: left, arguments: {work: b}}
+          - [{task: c, skill: work, robot: right, after: [a], arguments: {work: "=a.done"}}]
+      - if: right.level > 0.5
+        then: [{task: d, skill: work, robot: left, arguments: {work: d}}]
+        else: [{task: never, skill: work, robot: middle, arguments: {work: never}}]
+    times: 3
+    while: first.seconds > 1
+  - {task: last, skill: work, robot: right, arguments: {work: "=b.done"}}
+"""
+ROUND = [("middle", "a"), ("left", "b"), ("right", "a"), ("left", "d")]
+"""What is done in each; the middle two side by side."""
 
 
 async def test_a_run_goes_from_bridge_to_bridge(plant: Plant) -> None:
@@ -103,6 +99,39 @@ async def test_the_server_is_killed_and_a_new_one_shows_the_whole_run(plant: Pla
     assert plant.told() == done
 
 
+async def test_rounds_branches_and_conditions_over_bridges_go_on_without_the_server(plant: Plant) -> None:
+    mutual(plant)
+
+    def level(raw: dict[str, Any]) -> None:
+        raw["robots"]["right"]["data"] = {"level": {"id": 1301, "type": "Double"}}
+
+    plant.declare(level)
+    plant.scenario("rounds", ROUNDS)
+    plant.users()
+    server = plant.server_process()
+    for robot in plant.machines:
+        plant.bridge(robot)
+    async with plant.client() as client:
+        await all_heard(client)
+        run_id = await run_carried(client, "rounds")
+        await until(lambda: told_by(plant), bool, timeout_s=60)
+    server.process.send_signal(signal.SIGKILL)
+    await asyncio.to_thread(server.process.wait)
+    told = await until(lambda: told_by(plant), lambda told: len(told) == 14, timeout_s=60)
+    assert (told[0], told[13]) == (("left", "first"), ("right", "b"))
+    for start in (1, 5, 9):
+        found = told[start : start + 4]
+        assert sorted(found) == sorted(ROUND)
+        assert (found[0], found[3]) == (ROUND[0], ROUND[3]), "a before the others, and d after them"
+    plant.server_process()
+    async with plant.client() as client:
+        state = await run_is(client, run_id, "done", "failed", "aborted")
+        assert state == "done", await reason_of(client, run_id)
+        steps = await value(client, f"Scenarios.Runs.{run_id}.Steps")
+        assert len(steps) == len(set(steps)) == 14, steps
+    assert plant.told() == told
+
+
 async def test_a_bridge_that_dies_with_the_token_goes_on_after_its_restart(plant: Plant) -> None:
     mutual(plant)
     plant.scenario("three", THREE.replace("work: two", "work: two, seconds: 2"))
@@ -121,7 +150,9 @@ async def test_a_bridge_that_dies_with_the_token_goes_on_after_its_restart(plant
             bridges["right"].process.send_signal(signal.SIGKILL)
             await asyncio.to_thread(bridges["right"].process.wait)
             plant.bridge("middle")
-            await until(lambda: _reason(client, run_id), lambda found: "its token is kept here" in found, timeout_s=60)
+            await until(
+                lambda: reason_of(client, run_id), lambda found: "its token is kept here" in found, timeout_s=60
+            )
             plant.bridge("right")
             state = await run_is(client, run_id, "done", "failed", "aborted")
             assert state == "done", await value(client, f"Scenarios.Runs.{run_id}.Reason")
@@ -140,7 +171,7 @@ async def test_nothing_begins_unless_every_bridge_has_its_part(plant: Plant) -> 
             await asyncio.to_thread(child.process.wait)
             run_id = await run_carried(client, "three")
             states = "done", "failed", "aborted"
-            await until(lambda: _reason(client, run_id), lambda found: "right_cell" in found, timeout_s=60)
+            await until(lambda: reason_of(client, run_id), lambda found: "right_cell" in found, timeout_s=60)
             plant.bridge("right")
             assert await run_is(client, run_id, *states) == "failed"
             reason = await value(client, f"Scenarios.Runs.{run_id}.Reason")
@@ -168,7 +199,7 @@ async def test_an_abort_halts_what_is_under_way_and_ends_the_run_everywhere(plan
             assert called.status == 0, called.message
             assert await run_is(client, run_id, "done", "failed", "aborted") == "aborted"
             again = await run_carried(client, "three")
-            await until(lambda: _told(plant), lambda told: len(told) == 2, timeout_s=60)
+            await until(lambda: told_by(plant), lambda told: len(told) == 2, timeout_s=60)
             await call(client, "Scenarios", "Abort", again, "enough")
             assert await run_is(client, again, "aborted") == "aborted"
 
@@ -182,15 +213,15 @@ async def test_a_run_is_paused_at_every_bridge_and_goes_on(plant: Plant) -> None
     async with plant.client() as client:
         await all_heard(client)
         run_id = await run_carried(client, "three")
-        await until(lambda: _told(plant), bool, timeout_s=60)
+        await until(lambda: told_by(plant), bool, timeout_s=60)
         bridges["right"].process.send_signal(signal.SIGKILL)
         await asyncio.to_thread(bridges["right"].process.wait)
         called = await call(client, "Scenarios", "Pause", run_id)
         assert called.status == 0, called.message
         assert await value(client, f"Scenarios.Runs.{run_id}.State") == "paused"
-        await until(lambda: _reason(client, run_id), lambda said: "right_cell" in said, timeout_s=60)
+        await until(lambda: reason_of(client, run_id), lambda said: "right_cell" in said, timeout_s=60)
         plant.bridge("right")
-        await until(lambda: _reason(client, run_id), lambda said: said == "", timeout_s=60)
+        await until(lambda: reason_of(client, run_id), lambda said: said == "", timeout_s=60)
 
         async def ended() -> str:
             (state,) = await value(client, f"Scenarios.Runs.{run_id}.States")
@@ -225,7 +256,7 @@ async def test_who_takes_over_is_chosen_through_the_server(plant: Plant) -> None
             path = f"Resilience.Decisions.{decision}"
             assert await value(client, f"{path}.Robots") == ["left", "right"]
             assert sum(await value(client, f"{path}.Scores")) == pytest.approx(1)
-            assert f"decision confirm {decision}" in await _reason(client, run_id)
+            assert f"decision confirm {decision}" in await reason_of(client, run_id)
             nobody = await call(client, "Resilience", "Confirm", decision, "middle")
             assert nobody.status == 3
             assert "middle_cell" in nobody.message
@@ -249,21 +280,13 @@ async def test_an_answer_that_no_bridge_takes_is_refused_with_their_reasons(plan
         async with plant.client() as client:
             await all_heard(client)
             run_id = await run_carried(client, "three")
-            await until(lambda: _told(plant), bool, timeout_s=60)
+            await until(lambda: told_by(plant), bool, timeout_s=60)
             called = await call(client, "Scenarios", "Answer", run_id, "first", "done")
             assert called.status == 3
             assert "no bridge of the run has taken it" in called.message
             for robot in plant.machines:
                 assert f"{robot}_cell" in called.message
             await call(client, "Scenarios", "Abort", run_id, "seen enough")
-
-
-async def _reason(client: Client, run_id: str) -> str:
-    return str(await value(client, f"Scenarios.Runs.{run_id}.Reason"))
-
-
-async def _told(plant: Plant) -> list[tuple[str, str]]:
-    return plant.told()
 
 
 async def test_why_a_scenario_cannot_be_carried(plant: Plant) -> None:
@@ -275,8 +298,9 @@ async def test_why_a_scenario_cannot_be_carried(plant: Plant) -> None:
         called = await call(client, "Scenarios", "ValidateCarried", "mixed")
         assert called.outputs[0] is False
         told = "\n".join(called.outputs[1])
-        for said in ("'go'", "several bridges", "left.go_on"):
+        for said in ("'go'", "left.go_on"):
             assert said in told
+        assert "bridges" not in told, "steps of several bridges are carried"
         called = await call(client, "Scenarios", "ValidateCarried", "three")
         assert any("requestors" in problem for problem in called.outputs[1])
         called = await call(client, "Scenarios", "RunCarried", "three", texts(), texts())
@@ -297,10 +321,10 @@ async def test_another_bridges_robot_stands_in_without_the_server(plant: Plant) 
     async with plant.client() as client:
         await all_heard(client)
         run_id = await run_carried(client, "three")
-        await until(lambda: _told(plant), lambda told: told == [("left", "one")], timeout_s=60)
+        await until(lambda: told_by(plant), lambda told: told == [("left", "one")], timeout_s=60)
     server.process.send_signal(signal.SIGKILL)
     await asyncio.to_thread(server.process.wait)
-    told = await until(lambda: _told(plant), lambda told: len(told) == 4, timeout_s=60)
+    told = await until(lambda: told_by(plant), lambda told: len(told) == 4, timeout_s=60)
     assert told[1] == ("middle", "heavy")
     assert told[2] in (("left", "heavy"), ("right", "heavy"))
     assert told[3] == ("right", "heavy"), "the third task says what the second one has done"
@@ -340,54 +364,10 @@ async def test_a_robot_of_a_carried_run_does_nothing_else_for_anybody(plant: Pla
         async with plant.client() as client:
             await all_heard(client)
             run_id = await run_carried(client, "three")
-            await until(lambda: _told(plant), bool, timeout_s=60)
+            await until(lambda: told_by(plant), bool, timeout_s=60)
             called = await call(client, "Scenarios", "Run", "other", texts(), texts())
             other: str = called.outputs[0]
-            await until(lambda: _reason(client, other), lambda found: "reserved" in found, timeout_s=60)
+            await until(lambda: reason_of(client, other), lambda found: "reserved" in found, timeout_s=60)
             assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
             assert await run_is(client, other, "done", "failed", "aborted") == "done"
             assert plant.told()[-2:] == [("right", "two"), ("right", "other")]
-
-
-@pytest.mark.parametrize("plant", ["automatic"], indirect=True)
-async def test_another_bridge_goes_on_for_one_that_is_off_and_that_one_parks_what_it_has(plant: Plant) -> None:
-    mutual(plant)
-
-    def soon(raw: dict[str, Any]) -> None:
-        raw["scenarios"] = {"adopt_after_s": 2.0}
-
-    plant.declare(soon)
-    plant.scenario("three", THREE.replace("work: two", "work: two, seconds: 1"))
-    async with plant.server():
-        bridges = {robot: plant.bridge(robot) for robot in plant.machines}
-        async with plant.client() as client:
-            await all_heard(client)
-            run_id = await run_carried(client, "three")
-            await until(lambda: _told(plant), lambda told: ("middle", "two") in told, timeout_s=60)
-            bridges["middle"].process.send_signal(signal.SIGKILL)
-            await asyncio.to_thread(bridges["middle"].process.wait)
-            early = await call(client, "Scenarios", "Adopt", run_id, "middle_cell", True, texts())
-            assert early.status == 3
-            assert "can be left out after 2 s" in early.message
-            await until(
-                lambda: _reason(client, run_id), lambda said: f"adopt {run_id} middle_cell" in said, timeout_s=60
-            )
-            unsure = await call(client, "Scenarios", "Adopt", run_id, "middle_cell", False, texts())
-            assert unsure.status == 3
-            called = await call(client, "Scenarios", "Adopt", run_id, "middle_cell", True, texts())
-            assert called.status == 0, called.message
-            assert called.outputs == ["left_cell"]
-            state = await run_is(client, run_id, "done", "failed", "aborted")
-            assert state == "done", await value(client, f"Scenarios.Runs.{run_id}.Reason")
-            told = plant.told()
-            assert told[:2] == [("left", "one"), ("middle", "two")]
-            assert [work for _, work in told[2:]] == ["two", "two"]
-            assert told[2][0] in ("left", "right")
-            assert told[3][0] == "right"
-            late = plant.bridge("middle")
-            await says(late, "asks whether its tokens were adopted")
-            await says(late, "of a carried run is parked")
-            assert plant.told() == told
-            again = await run_carried(client, "three")
-            assert await run_is(client, again, "done", "failed", "aborted") == "done"
-            assert ("middle", "two") in plant.told()[4:]

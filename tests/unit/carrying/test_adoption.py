@@ -14,6 +14,7 @@ from ua_fleet.carrying import (
     Holder,
     Part,
     RunRefused,
+    SegmentRound,
     SendToken,
     Stop,
     Token,
@@ -25,17 +26,19 @@ from ua_fleet.carrying.adoption import (
     Adoption,
     FilledSlot,
     adopted_facts,
+    adopted_places,
     decode_adoption,
     encode_adoption,
-    filled_slots,
     heir_of,
     plan_without,
+    proved_over,
 )
 from ua_fleet.carrying.facts import CarryFact, RunClosed, decode_carry_fact, encode_carry_fact
 from ua_fleet.carrying.holder import ADOPTED, LOST
-from ua_fleet.carrying.part import PartInvalid
+from ua_fleet.carrying.part import PartInvalid, PartSegment
 from ua_fleet.scenario.facts import (
     Fact,
+    IterationStarted,
     StepEnded,
     StepState,
     TaskAccepted,
@@ -89,18 +92,18 @@ def test_the_first_bridge_that_all_take_actions_of_is_the_heir() -> None:
 def test_the_heir_goes_on_from_its_own_results_and_what_was_heard() -> None:
     bridge = Bridge(300)
     bridge.holder.take_token(token(0), 0, 1.0)
-    bridge.holder.segment_ended("run", 0, 2.0, results={"one.out": 5.0})
+    bridge.holder.segment_ended("run", SegmentRound(0), 2.0, results={"one.out": 5.0})
     (sent,) = bridge.holder.to_send()
     assert isinstance(sent, SendToken)
     bridge.holder.handed_over(sent, 3.0)
-    lines = {1: (encode_fact(StepEnded(2.5, "1", StepState.DONE)),)}
+    lines = {"1": (encode_fact(StepEnded(2.5, "1", StepState.DONE)),)}
     gone, begun = bridge.holder.take_adoption(adoption(300, 301, facts=lines), 20.0)
     assert gone == Gone("run", 301, "anna")
     assert isinstance(begun, Begin)
-    assert (begun.segment.number, begun.values, begun.facts) == (1, {"one.out": 5.0}, lines[1])
+    assert (begun.segment.number, begun.values, begun.facts) == (1, {"one.out": 5.0}, lines["1"])
     assert bridge.holder.take_adoption(adoption(300, 301, facts=lines), 21.0) == []
     again = [one for one in bridge.again().again(22.0) if isinstance(one, Begin)]
-    assert [(one.segment.number, one.values, one.facts) for one in again] == [(1, {"one.out": 5.0}, lines[1])]
+    assert [(one.segment.number, one.values, one.facts) for one in again] == [(1, {"one.out": 5.0}, lines["1"])]
     assert list(bridge.again().to_send()) == []
 
 
@@ -109,7 +112,7 @@ def test_a_token_that_another_bridge_has_proves_that_its_segment_is_over() -> No
     bridge.holder.take_token(token(1), 300, 1.0)
     effects = bridge.holder.take_adoption(adoption(301, 300), 20.0)
     assert [one.segment.number for one in effects if isinstance(one, Begin)] == [1], "and not the first one"
-    filled = filled_slots(bridge.holder.runs["run"].tokens.values())
+    filled = bridge.holder.runs["run"].filled()
     assert FilledSlot(1, 0, "", {"one.out": 2.0}) in filled
 
 
@@ -164,6 +167,20 @@ def test_a_token_that_comes_while_a_bridge_asks_waits() -> None:
     assert [type(one) for one in late.told_epoch(AskEpoch("run", 300), 1, 52.0)] == [Begin]
 
 
+def test_what_comes_while_a_bridge_asks_does_not_end_its_doubt_also_after_another_restart() -> None:
+    bridge = Bridge(301)
+    assert bridge.again().again(50.0) == []
+    late = bridge.again()
+    assert late.again(51.0) == []
+    late.take_pause("run", False, "anna", 51.5)
+    late.take_token(token(1), 300, 52.0)
+    third = bridge.again()
+    assert third.again(53.0) == []
+    assert list(third.to_send()) == [AskEpoch("run", 300)]
+    assert [type(one) for one in third.told_epoch(AskEpoch("run", 300), 1, 54.0)] == [Begin]
+    assert [type(one) for one in bridge.again().again(55.0)] == [Begin]
+
+
 @pytest.mark.parametrize(("epoch", "outcome"), [(2, ADOPTED), (None, LOST)])
 def test_a_late_bridge_parks_what_it_has(epoch: int | None, outcome: str) -> None:
     bridge = Bridge(301)
@@ -172,7 +189,7 @@ def test_a_late_bridge_parks_what_it_has(epoch: int | None, outcome: str) -> Non
     late.again(50.0)
     (stop,) = late.told_epoch(AskEpoch("run", 300), epoch, 51.0)
     assert isinstance(stop, Stop)
-    assert stop.segments == (1,)
+    assert stop.places == (SegmentRound(1),)
     closed = bridge.facts[-1]
     assert isinstance(closed, RunClosed)
     assert closed.outcome == outcome
@@ -182,7 +199,7 @@ def test_a_late_bridge_parks_what_it_has(epoch: int | None, outcome: str) -> Non
 def test_a_bridge_whose_token_is_refused_asks_why() -> None:
     bridge = Bridge(300)
     bridge.holder.take_token(token(0), 0, 1.0)
-    bridge.holder.segment_ended("run", 0, 2.0, results={"one.out": 5.0})
+    bridge.holder.segment_ended("run", SegmentRound(0), 2.0, results={"one.out": 5.0})
     (sent,) = bridge.holder.to_send()
     assert isinstance(sent, SendToken)
     bridge.holder.refused(sent)
@@ -211,3 +228,82 @@ def test_what_a_person_says_of_tasks_goes_before_what_was_heard(
     steps = PLAN.segments[1].steps
     heard = [*facts, TaskAccepted(1.0, "0", 1)]
     assert adopted_facts(steps, heard, done, 9.0, "anna") == facts + said
+
+
+LOOP = plan(
+    task("first", "a"),
+    {
+        "repeat": [task("one", "a"), {"if": "one.out > 5", "then": [task("two", "b")], "else": [task("three", "c")]}],
+        "times": 9,
+    },
+    task("last", "b"),
+)
+HEAD, ONE, TWO, THREE = (number for number, one in enumerate(LOOP.segments) if one.loops)
+LAST = LOOP.last
+
+
+def behind(gone: int) -> dict[int, PartSegment]:
+    return dict(parts_of(LOOP, "run", "made", {}, "anna")[gone].segments)
+
+
+def test_a_token_of_a_round_proves_that_the_rounds_before_it_are_over() -> None:
+    proved = proved_over(behind(301), [FilledSlot(HEAD, 0, "", {}, (5,), (HEAD,))])
+    assert proved.passed == {TWO: (4,)}
+    assert proved.over.keys() == {SegmentRound(TWO, (4,))}, "whether it was begun in that round, or is not to be"
+    proved = proved_over(behind(300), [FilledSlot(THREE, 0, "", {}, (5,), (HEAD,))])
+    assert proved.passed == {0: (), HEAD: (5,), ONE: (5,)}
+    assert proved.over == {
+        SegmentRound(0): ("", True),
+        SegmentRound(HEAD, (5,)): ("", True),
+        SegmentRound(ONE, (5,)): ("", False),
+    }
+    proved = proved_over(behind(300), [FilledSlot(LAST, 0, "", {})])
+    assert proved.passed == {0: (), HEAD: ()}, "what comes after a repetition proves that it begins no further round"
+
+
+def test_the_heir_begins_nothing_of_the_rounds_before() -> None:
+    made = parts_of(plan_without(LOOP, 301, 300), "run", "made", {}, "anna", adopt_after_s=AWAY_S, epoch=2)[300]
+    before = parts_of(LOOP, "run", "made", {}, "anna", adopt_after_s=AWAY_S)[300]
+    holder = Holder(300, list[CarryFact]().append)
+    holder.take_part(encode_part(before), 0.0)
+    for segment, rounds in ((0, ()), (HEAD, (5,))):
+        holder.take_token(encode_token(Token("run", before.plan_hash, 1, segment, 0, rounds=rounds), ()), 0, 1.0)
+    holder.take_adoption(encode_adoption(Adoption(made, 301, "anna"), encode_part(made)), 20.0)
+    held = holder.runs["run"]
+    assert [held.is_known(SegmentRound(TWO, (number,))) for number in (3, 4, 5, 6)] == [True, True, False, False]
+    old = Token("run", made.plan_hash, 2, TWO, 0, "", {}, (3,))
+    assert holder.take_token(encode_token(old, ()), 300, 21.0) == []
+    new = Token("run", made.plan_hash, 2, TWO, 0, "", {}, (5,))
+    assert [type(one) for one in holder.take_token(encode_token(new, ()), 300, 22.0)] == [Begin]
+
+
+def test_what_was_heard_is_adopted_by_rounds() -> None:
+    step = next(iter(behind(301)[TWO].body.steps)).key
+    heard: list[Fact] = [
+        replace(ASSIGNED, step=f"{step}@0"),
+        TaskOver(3.0, f"{step}@0", 1, TaskOutcome.DONE, Then.DONE),
+        replace(ASSIGNED, step=f"{step}@2"),
+    ]
+    found = adopted_places(behind(301)[TWO], heard, [f"{step}@1"], 9.0, "anna")
+    assert found == {
+        SegmentRound(TWO, (0,)): heard[:2],
+        SegmentRound(TWO, (1,)): [StepEnded(9.0, f"{step}@1", StepState.DONE, "anna has said so")],
+        SegmentRound(TWO, (2,)): [heard[2], TaskAnswered(9.0, f"{step}@2", Then.RETRY, "anna")],
+    }
+    by_name = adopted_places(behind(301)[TWO], heard, ["two"], 9.0, "anna")
+    assert by_name[SegmentRound(TWO, (2,))][-1] == TaskAnswered(9.0, f"{step}@2", Then.DONE, "anna"), (
+        "the last round is meant"
+    )
+    assert by_name[SegmentRound(TWO, (0,))] == heard[:2]
+
+
+def test_what_the_head_of_a_repetition_has_decided_is_adopted() -> None:
+    key = LOOP.segments[HEAD].steps[0].key
+    heard: list[Fact] = [
+        IterationStarted(1.0, key, 0),
+        IterationStarted(2.0, key, 1),
+        StepEnded(3.0, key, StepState.DONE),
+    ]
+    assert adopted_places(behind(300)[HEAD], heard, [], 9.0, "anna") == {
+        SegmentRound(HEAD, (number,)): [fact] for number, fact in enumerate(heard)
+    }

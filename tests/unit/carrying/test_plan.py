@@ -10,12 +10,14 @@ from typing import Any
 import pytest
 
 from ua_fleet.carrying import PlanView, decode_part, encode_part, parts_of, split
-from ua_fleet.carrying.fragments import FragmentInvalid, decode_scenario, decode_step, encode_step, segment_scenario
-from ua_fleet.carrying.part import PartInvalid
-from ua_fleet.carrying.plan import Edge, Plan
-from ua_fleet.carrying.token import WHOLE
+from ua_fleet.carrying.fragments import FragmentInvalid, decode_step, encode_step
+from ua_fleet.carrying.part import PartInvalid, Road
+from ua_fleet.carrying.plan import Edge, Hearing, MailSlot, Plan
+from ua_fleet.carrying.segment_scenario import decode_scenario, segment_scenario
+from ua_fleet.carrying.token import WHOLE, SegmentRound
 from ua_fleet.fleet.skills import ArgumentModel, SkillModel
 from ua_fleet.scenario import FleetView, RobotView, scenario_of
+from ua_fleet.scenario.model import BranchPoint, Task
 from ua_fleet.values import BuiltinType
 
 WORK = SkillModel(
@@ -88,12 +90,91 @@ def test_a_token_holds_what_is_read_from_there_on_and_nothing_else() -> None:
         task("five", "a"),
     )
     assert [segment.needs for segment in found.segments] == [
-        (),
-        ("one.out",),
-        ("one.out", "two.out"),
-        ("one.out", "two.out"),
-        (),
+        [()],
+        [("one.out",)],
+        [("one.out", "two.out")],
+        [("one.out", "two.out")],
+        [()],
     ]
+
+
+def test_a_join_has_the_results_of_each_branch_from_that_branch() -> None:
+    reading = task("last", "a", arguments={"x": "=first.out + b1.out + c1.out"})
+    found = plan(task("first", "a"), {"parallel": [[task("b1", "b")], [task("c1", "c")]]}, reading)
+    join = next(segment for segment in found.segments if segment.slots == 2)
+    assert join.needs == [("b1.out", "first.out"), ("c1.out",)]
+    assert [one.needs for one in found.segments if one.space != 300] == [[("first.out",)], [()]]
+
+
+def test_the_bridge_that_has_the_token_decides_an_if_of_several_bridges() -> None:
+    branches = {"if": "c.level > 3", "then": [task("b1", "b")], "else": [task("c1", "c")]}
+    found = plan(task("first", "a"), branches, task("last", "b"))
+    first, then, other, last = found.segments
+    assert [first.space, then.space, other.space, last.space] == [300, 301, 302, 301]
+    assert (first.then, first.otherwise) == ([Edge(1, 0)], [Edge(2, 0)])
+    assert then.then == other.then == [Edge(3, 0)]
+    assert isinstance(first.steps[-1], BranchPoint)
+
+
+def test_what_is_repeated_over_bridges_has_a_head_that_begins_each_round() -> None:
+    found = plan(task("first", "a"), {"repeat": [task("b1", "b"), task("c1", "c")], "times": 3}, task("last", "a"))
+    first, head, body, end, _ = found.segments
+    assert [one.loops for one in found.segments] == [(), (1,), (1,), (1,), ()]
+    assert (head.space, head.then, head.otherwise) == (301, [Edge(2, 0)], [Edge(4, 0)])
+    assert (first.then, body.then, end.then) == ([Edge(1, 0)], [Edge(3, 0)], [Edge(1, 0, is_next=True)])
+    roads = {
+        one.number: one for part in parts_of(found, "run", "made", {}, "x").values() for one in part.segments.values()
+    }
+    assert [roads[0].then[0].place(()), roads[3].then[0].place((4,)), roads[1].otherwise[0].place((3,))] == [
+        SegmentRound(1, (0,)),
+        SegmentRound(1, (5,)),
+        SegmentRound(4, ()),
+    ]
+    assert Road(7, 0, 300, (), 1, 1).place((2, 9)) == SegmentRound(7, (2, 0))
+
+
+def test_results_of_the_round_before_travel_where_they_are_read_and_no_others() -> None:
+    found = plan(
+        {
+            "repeat": [
+                task("b1", "b"),
+                {"if": "b1.out > 5", "then": [task("c1", "c", arguments={"x": "=b1.out"})], "else": [task("c2", "c")]},
+            ],
+            "times": 3,
+        },
+        task("last", "a", arguments={"x": "=c1.out"}),
+    )
+    needs = {one.space: one.needs for one in found.segments if one.steps and not isinstance(one.steps[0], BranchPoint)}
+    head = next(one for one in found.segments if one.loops and isinstance(one.steps[0], BranchPoint))
+    assert head.needs == [("c1.out",)], "b1 is done anew before it is read"
+    assert needs[300] == [("c1.out",)]
+
+
+def test_a_task_that_another_branch_waits_for_has_a_mailbox_there() -> None:
+    one = [task("b1", "b"), task("b2", "b")]
+    other = [task("c1", "c"), task("c2", "c", after=["b1"], arguments={"x": "=b1.out"})]
+    found = plan(task("first", "a"), {"parallel": [one, other]})
+    number, mailbox = next((n, one) for n, one in enumerate(found.segments) if one.tells)
+    assert (mailbox.tells, mailbox.space, mailbox.needs) == ("b1", 302, [("b1.out",), ()])
+    told = next(one for one in found.segments if Edge(number, MailSlot.DONE) in one.then)
+    assert [step.name for step in told.steps if isinstance(step, Task)] == ["b1"], "and it does not wait for b2"
+    assert [each.hears for each in found.segments if each.space == 302 and each.steps] == [[Hearing(number, 0)]]
+    lost = [each.space for each in found.segments if Edge(number, MailSlot.LOST) in each.lost]
+    assert lost == [301, 301], "what fails in that branch"
+
+
+def test_what_one_bridge_does_in_branches_that_wait_for_each_other_stays_with_its_engine() -> None:
+    one, other = [task("a1", "a"), task("a2", "a")], [task("a3", "a", after=["a1"])]
+    assert len(plan({"parallel": [one, other]}).segments) == 1
+    both = plan({"parallel": [[*one, task("a5", "a", after=["b1"])], [task("b1", "b", after=["a2"])]]})
+    assert sorted(one.tells for one in both.segments if one.tells) == ["a2", "b1"]
+
+
+def test_a_value_that_no_connection_brings_to_a_bridge_is_named() -> None:
+    view = replace(VIEW, values={"c.level": 302, "b.level": 301}, hears={300: frozenset({301})})
+    condition = {"if": "c.level > 3", "then": [task("one", "a")]}
+    assert "the bridge of space 300 has no connection by which 'c.level' comes" in problems(condition, view=view)
+    assert not problems({**condition, "if": "b.level > 3"}, view=view)
 
 
 @pytest.mark.parametrize(
@@ -101,16 +182,7 @@ def test_a_token_holds_what_is_read_from_there_on_and_nothing_else() -> None:
     [
         ([task("one", "a"), {"wait": None, "event": "go"}], "'go' is told to the server"),
         ([{"if": "a.order > 0", "then": task("one", "a")}], "'a.order' is said by the server"),
-        ([{"repeat": [task("one", "a"), task("two", "b")], "times": 2}], "the `repeat` has tasks of several bridges"),
         ([task("one", "elsewhere")], "no robot for it lives behind a bridge"),
-        (
-            [{"parallel": [[task("one", "a")], [task("two", "b", after=["one"])]]}],
-            "comes after 'one', which another bridge does in another branch",
-        ),
-        (
-            [{"parallel": [[task("one", "a")], [task("two", "b", arguments={"x": "=one.out"})]]}],
-            "'one.out' is a result of another branch",
-        ),
     ],
 )
 def test_why_a_scenario_cannot_be_carried(steps: list[dict[str, Any]], said: str) -> None:
@@ -120,7 +192,7 @@ def test_why_a_scenario_cannot_be_carried(steps: list[dict[str, Any]], said: str
 def test_a_plan_whose_token_could_be_too_large_is_refused_with_its_size() -> None:
     tasks = [task(f"t{number}", "a") for number in range(20)]
     reading = [task(f"u{n}", "b", arguments={"x": f"=t{n}.out", "y": f"=t{n}.said"}) for n in range(20)]
-    assert "a token of up to 1561 bytes, and it has 1200" in problems(*tasks, *reading)
+    assert "a token of up to 1562 bytes, and it has 1200" in problems(*tasks, *reading)
     assert not problems(*tasks, *[task(f"u{n}", "b", arguments={"x": f"=t{n}.out"}) for n in range(20)])
 
 
@@ -168,8 +240,9 @@ def test_steps_come_back_as_they_were() -> None:
     )
     read = decode_step(json.loads(json.dumps(encode_step(scenario.body))))
     assert _plain(read) == _plain(scenario.body)
-    segment = segment_scenario("made", scenario.body, {"one.out": 3.5, "limit": True})
+    segment = segment_scenario("made", scenario.body, (2, 0), {"one.out": 3.5, "limit": True}, ["far"])
     assert _plain(decode_scenario(segment.text)) == _plain(segment)
+    assert (segment.scope, segment.outside) == ("@2@0", frozenset(["far"]))
     deep: Any = {"key": "", "line": 0, "kind": "sequence", "steps": []}
     for _ in range(100):
         deep = {"key": "", "line": 0, "kind": "sequence", "steps": [deep]}

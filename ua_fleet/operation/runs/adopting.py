@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ua_fleet.carrying import Part, encode_part
-from ua_fleet.carrying.adoption import Adoption, FilledSlot, encode_adoption
+from ua_fleet.carrying.adoption import Adoption, FilledSlot, decode_filled, encode_adoption
 from ua_fleet.carrying.words import decode_words
 from ua_fleet.scenario import Value
 from ua_fleet.scenario.facts import RunAdopted
@@ -23,7 +23,7 @@ class Adopting:
     said: RunAdopted
     parts: Mapping[int, Part]
     results: Mapping[str, Value]
-    facts: Mapping[int, tuple[str, ...]]
+    facts: Mapping[str, tuple[str, ...]]
     filled: dict[int, tuple[FilledSlot, ...]] = field(default_factory=dict[int, tuple[FilledSlot, ...]])
     """What the others have, by their spaces."""
 
@@ -44,4 +44,4 @@ class Adopting:
         """A bridge has taken it, and says which tokens it has."""
         (packed,) = unpack(result)
         slots: Sequence[Any] = decode_words(bytes(packed.value or b""), most=len(packed.value or b"")).get("filled", ())
-        self.filled[space] = tuple([FilledSlot(int(one[0]), int(one[1]), str(one[2]), dict(one[3])) for one in slots])
+        self.filled[space] = decode_filled(slots)

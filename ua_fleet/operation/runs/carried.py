@@ -40,6 +40,7 @@ from ua_fleet.pubsub.events import ActionReceived, DataReceived, SubscriberEvent
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import (
+    OutsideTold,
     RunCarried,
     RunClosing,
     RunCreated,
@@ -74,7 +75,7 @@ ORDER_S: Final = 5.0
 """So long facts wait for those of bridges that have not answered yet, which may have happened before."""
 MOST_JSON_BYTES: Final = 1_000_000
 """Of one page, decompressed."""
-_OF_SEGMENTS: Final = (RunCreated, RunPaused, RunResumed, RunClosing, RunEnded)
+_OF_SEGMENTS: Final = (RunCreated, RunPaused, RunResumed, RunClosing, RunEnded, OutsideTold)
 """Facts of a segment that say nothing of the run: the server notes its own."""
 _OUTCOMES: Final = {"done": RunOutcome.DONE, "failed": RunOutcome.FAILED, "aborted": RunOutcome.ABORTED}
 
@@ -423,7 +424,7 @@ class CarriedRuns:
         for line in words["facts"]:
             asked.count += 1
             fact = decode_fact(line)
-            is_ours = not isinstance(fact, _OF_SEGMENTS) and getattr(fact, "step", "x") != ""
+            is_ours = not isinstance(fact, _OF_SEGMENTS) and getattr(fact, "step", "x").partition("@")[0] != ""
             if is_ours and (line := encode_fact(fact)) not in run.known:
                 run.known.add(line)
                 run.fetched_at = run.fetched_at if run.fetched else self._clock()

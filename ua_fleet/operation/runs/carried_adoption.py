@@ -7,16 +7,18 @@ the numbers that the bridges know.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final
 
 from ua_fleet.carrying import Part, Plan, PlanView, parts_of, split
-from ua_fleet.carrying.adoption import adopted_facts, heir_of, plan_without
+from ua_fleet.carrying.adoption import adopted_places, heir_of, plan_without
+from ua_fleet.config.connections import connection_numbers
+from ua_fleet.config.relays import speakers_on
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ScenarioError
 from ua_fleet.operation.log import Log
 from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.operation.runs.carried_state import CarriedPhase, FollowedRun
 from ua_fleet.operation.runs.service import ScenarioService
+from ua_fleet.operation.runs.values import names_of
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.facts import Fact, RunAdopted, RunCarried, RunCreated, encode_fact
 from ua_fleet.scenario.state import RunState
@@ -24,26 +26,43 @@ from ua_fleet.topics import SERVER_SPACE
 
 __all__ = ["Adoptions", "plan_view"]
 
-EPOCH: Final = 2
-"""Of a run whose token was adopted; it is once at most."""
-
 
 def plan_view(config: FleetConfig, service: ScenarioService) -> PlanView:
     """What splitting needs to know of the fleet now."""
     bridges, model = config.bridges, service.robots.values()
-    of_server = {
+    spaces: dict[str, int] = {}
+    read_on_demand: set[str] = set()
+    declared = config.robots.values()
+    demanding = {
         name
-        for robot in model
-        for data_set in robot.data_sets
-        if data_set.topic.space == SERVER_SPACE
-        for name in (data_set.name, f"{robot.name}.{data_set.name}")
+        for name, bridge in bridges.items()
+        if bridge.reads_on_demand([robot for robot in declared if robot.bridge == name])
     }
+    for robot in model:
+        for data_set in robot.data_sets:
+            names = names_of(robot, data_set)
+            spaces |= dict.fromkeys(names, data_set.topic.space)
+            if robot.bridge in demanding and data_set.topic.space != SERVER_SPACE:
+                read_on_demand.update(names)
     return PlanView(
         service.fleet,
         {robot.name: bridges[robot.bridge].space for robot in model if robot.bridge in bridges},
         {bridge.space: frozenset(bridge.requestors) for bridge in bridges.values()},
-        frozenset(of_server),
+        frozenset([name for name, space in spaces.items() if space == SERVER_SPACE]),
+        spaces,
+        {bridge.space: _heard_by(config, bridge.space) for bridge in bridges.values()},
+        frozenset(read_on_demand),
     )
+
+
+def _heard_by(config: FleetConfig, space: int) -> frozenset[int]:
+    """The spaces whose values come to the bridge of one: over its connections, also by relays."""
+    own = connection_numbers(config, space)
+    heard = {one.space for one in config.bridges.values() if set(own) & set(connection_numbers(config, one.space))}
+    for number in own:
+        for origins in speakers_on(config, number).values():
+            heard |= origins.publishers
+    return frozenset(heard)
 
 
 class Adoptions:
@@ -70,9 +89,8 @@ class Adoptions:
             ScenarioError: the bridge has answered a moment ago, no other one can go on, or the plan is another one.
         """
         space = next((space for space in run.bridges if self._names[space] == bridge), None)
-        if space is None or run.phase is not CarriedPhase.FOLLOWING or run.closed is not None or run.adopting:
-            once = "; a bridge of it was left out before, and one is at most" if run.adopting else ""
-            raise ScenarioError(f"run {run.run_id} is {run.phase.value}, and {bridge[:80]!r} cannot be left out{once}")
+        if space is None or run.phase is not CarriedPhase.FOLLOWING or run.closed is not None:
+            raise ScenarioError(f"run {run.run_id} is {run.phase.value}, and {bridge[:80]!r} cannot be left out")
         silent_s = self._clock() - run.bridges[space].answered_at
         if silent_s < self._after_s:
             raise ScenarioError(
@@ -85,12 +103,14 @@ class Adoptions:
         return made
 
     def again(self, run_id: str, facts: Sequence[Fact]) -> Adopting | None:
-        """After a restart: what bridges are to be told, which may know it; None where none was left out."""
-        said = next((fact for fact in facts if isinstance(fact, RunAdopted)), None)
-        if said is None:
+        """After a restart: what bridges are to be told last, which may know it; None where none was left out."""
+        numbers = [number for number, fact in enumerate(facts) if isinstance(fact, RunAdopted)]
+        if not numbers:
             return None
+        said = facts[numbers[-1]]
+        assert isinstance(said, RunAdopted)
         try:
-            return self._made(run_id, facts[: list(facts).index(said)], said)
+            return self._made(run_id, facts[: numbers[-1]], said)
         except ScenarioError as error:
             self._log.error("bridges cannot be told that one of them is left out", run_id=run_id, reason=str(error))
             return None
@@ -98,7 +118,7 @@ class Adoptions:
     def offer(self, run: FollowedRun, space: int) -> str:
         """What a person can do about a bridge that has not answered for long; empty while there is nothing."""
         is_silent = self._clock() - run.bridges[space].answered_at >= self._after_s
-        if not is_silent or run.phase is not CarriedPhase.FOLLOWING or run.adopting or len(run.bridges) == 1:
+        if not is_silent or run.phase is not CarriedPhase.FOLLOWING or len(run.bridges) == 1:
             return ""
         return (
             f", nor has it answered for {self._after_s:g} s; if it is off for good, see what its robots have done, and"
@@ -110,14 +130,24 @@ class Adoptions:
         text = next(fact.text for fact in facts if isinstance(fact, RunCreated))
         return self._service.check(f"{text}\n").scenario
 
-    def _plan(self, facts: Sequence[Fact]) -> Plan:
+    def _first_plan(self, facts: Sequence[Fact]) -> Plan:
+        """With which the run began."""
         plan, problems = split(self._scenario(facts), plan_view(self._config, self._service))
         if plan is None:
             raise ScenarioError(f"the fleet has changed since the run began: {problems[0]}")
         return plan
 
+    @staticmethod
+    def _plan_now(plan: Plan, facts: Sequence[Fact]) -> tuple[Plan, int]:
+        """What has become of it with each bridge that was left out since, and the epoch."""
+        adopted = [fact for fact in facts if isinstance(fact, RunAdopted)]
+        for each in adopted:
+            plan = plan_without(plan, each.space, each.heir)
+        return plan, 1 + len(adopted)
+
     def _heir(self, facts: Sequence[Fact], gone: int) -> int:
-        heir = heir_of(self._plan(facts), gone, plan_view(self._config, self._service))
+        plan, _ = self._plan_now(self._first_plan(facts), facts)
+        heir = heir_of(plan, gone, plan_view(self._config, self._service))
         if heir is None:
             name = self._names[gone]
             raise ScenarioError(f"no other bridge of the run may take the place of {name}: see `requestors` of all")
@@ -125,7 +155,7 @@ class Adoptions:
 
     def _made(self, run_id: str, facts: Sequence[Fact], said: RunAdopted) -> Adopting:
         """What the bridges are told; `facts` are those before it was said."""
-        plan, name = self._plan(facts), self._scenario(facts).name
+        plan, name = self._first_plan(facts), self._scenario(facts).name
         created = next(fact for fact in facts if isinstance(fact, RunCreated))
         carried = next(fact for fact in facts if isinstance(fact, RunCarried))
 
@@ -133,17 +163,17 @@ class Adoptions:
             given, by = created.parameters, created.by
             return parts_of(of_plan, run_id, name, given, by, adopt_after_s=self._after_s, epoch=epoch)
 
-        before = parts(plan, 1)
-        if any(part.plan_hash.hex() != carried.plan_hash for part in before.values()):
+        if any(part.plan_hash.hex() != carried.plan_hash for part in parts(plan, 1).values()):
             raise ScenarioError(f"the fleet has changed since run {run_id} began, so that its plan is another one now")
+        plan, epoch = self._plan_now(plan, facts)
+        before = parts(plan, epoch)
         state = RunState()
         for fact in facts:
             state.apply(fact)
         segments = {
-            number: tuple(
-                [encode_fact(each) for each in adopted_facts(one.body.steps, facts, said.done, said.at, said.by)]
-            )
-            for number, one in before[said.space].segments.items()
+            str(place): tuple([encode_fact(fact) for fact in known])
+            for one in before[said.space].segments.values()
+            for place, known in adopted_places(one, facts, said.done, said.at, said.by).items()
         }
         results = {f"{task}.{name}": value for task, given in state.results.items() for name, value in given.items()}
-        return Adopting(said, parts(plan_without(plan, said.space, said.heir), EPOCH), results, segments)
+        return Adopting(said, parts(plan_without(plan, said.space, said.heir), epoch + 1), results, segments)

@@ -16,7 +16,7 @@ from ua_fleet.scenario import FleetView, RobotView, Value, ValueUnknown, split_i
 from ua_fleet.topics import Topic
 from ua_fleet.values import ARRAY, NodeId, StatusCode, status_name
 
-__all__ = ["FleetValues", "fleet_view", "own_fields"]
+__all__ = ["FleetValues", "fleet_view", "names_of", "own_fields"]
 
 _BAD = 0x8000_0000
 _LAST_USABLE = int(StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE)
@@ -136,6 +136,12 @@ class FleetValues:
 def _own_name(data_set: DataSetModel, field: FieldModel) -> str:
     """The name of a value without its robot."""
     return data_set.name if data_set.is_single else f"{data_set.name}.{field.name}"
+
+
+def names_of(robot: RobotModel, data_set: DataSetModel) -> list[str]:
+    """All names that conditions have for the values of a DataSet of a robot."""
+    own = [_own_name(data_set, field) for field in data_set.fields]
+    return [*own, *(f"{robot.name}.{name}" for name in own)]
 
 
 def fleet_view(

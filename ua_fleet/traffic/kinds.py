@@ -17,6 +17,7 @@
     frame with Bad_NoCommunication: the source has gone                   fault
     SkillStatus in which an execution newly has failed or is unknown      fault
     any other SkillStatus                                                 status
+    what a bridge tells of the runs that it carries                       run
     data of a source whose kind the owner has given                       that one
     any other data                                                        telemetry
 
@@ -33,6 +34,7 @@ from typing import Any, Final, NamedTuple
 
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.pubsub.carry_action import CARRY_ID, Word
+from ua_fleet.pubsub.run_data import RUN_DATA_ID
 from ua_fleet.skill.executions import ExecutionState
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS
 from ua_fleet.topics import Topic
@@ -79,6 +81,8 @@ class MessageKind(StrEnum):
     REPEAT = "repeat"
     """What was said before, for who came late or has lost it."""
     TELEMETRY = "telemetry"
+    RUN = "run"
+    """What a bridge tells of a run that it carries, for whoever watches."""
     SENSOR = "sensor"
     """Data of a sensor that belongs to no robot's own telemetry."""
 
@@ -215,6 +219,8 @@ class Traffic:
             self._timestamps[writer] = timestamp
         if (part.status or 0) >> 16 == _NO_COMMUNICATION:
             return MessageKind.FAULT
+        if part.data_set_writer_id == RUN_DATA_ID:
+            return MessageKind.RUN
         columns = self._columns.get((message.publisher_id, part.data_set_writer_id))
         if columns is not None:
             return self._skill_status_kind(writer, part, columns)

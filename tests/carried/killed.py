@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import AsyncGenerator, Sequence
 from contextlib import ExitStack, asynccontextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Final
@@ -57,10 +58,8 @@ SKILLS: Final = Counter(
 class Heard:
     """What the bridges have told on the wire, whether a server was there or not."""
 
-    executions: dict[bytes, tuple[str, ExecutionStatus]] = field(
-        default_factory=dict[bytes, tuple[str, ExecutionStatus]]
-    )
-    """By their ids; the robot's skill status that tells of each, and its last state."""
+    executions: dict[bytes, ExecutionStatus] = field(default_factory=dict[bytes, ExecutionStatus])
+    """By their ids, as SkillStatus has told of them last."""
     outcomes: dict[str, str] = field(default_factory=dict[str, str])
     """Of runs, by their ids."""
 
@@ -77,7 +76,7 @@ class Judged:
 
 def judge(before: set[bytes], heard: Heard) -> list[str]:
     """What is wrong with a run, of which these executions are new: nine tasks, each done once."""
-    new = [status for key, (_, status) in heard.executions.items() if key not in before]
+    new = [status for key, status in heard.executions.items() if key not in before]
     done = Counter(status.skill for status in new if status.state is ExecutionState.DONE)
     failed = Counter(status.skill for status in new if status.state is ExecutionState.FAILED)
     others = [status for status in new if status.state not in (ExecutionState.DONE, ExecutionState.FAILED)]
@@ -98,8 +97,8 @@ class _Fleet:
         self.heard, self._codec = Heard(), Codec()
         ns = self.config.fleet.namespace_index
         self._statuses = {
-            (self.config.bridges[robot.bridge].space, ns, robot.skill_status_id): name
-            for name, robot in self.config.robots.items()
+            (self.config.bridges[robot.bridge].space, ns, int(robot.skill_status_id))
+            for robot in self.config.robots.values()
             if robot.skill_status_id is not None
         }
         self._ready: set[str] = set()
@@ -116,9 +115,7 @@ class _Fleet:
             await self.launch.bridge(actor.bridge, setting.bridge_ros(actor))
         for actor in ACTORS:
             command, environment = setting.command(actor), setting.environment(actor)
-            await self.processes.start(
-                actor.name, command, environment, lambda line, name=actor.name: self._says(name, line)
-            )
+            await self.processes.start(actor.name, command, environment, partial(self._says, actor.name))
         await self.launch.ready("server", *(actor.bridge for actor in ACTORS))
         names = {actor.name for actor in ACTORS}
         await self.processes.until(lambda: names <= self._ready, self._changed, LONGEST_S, "the robots")
@@ -135,19 +132,24 @@ class _Fleet:
             message = self._codec.decode(datagram)
         except RemoteWireError:
             return
-        for part in message.messages if isinstance(message, NetworkMessage) else ():
+        if not isinstance(message, NetworkMessage):
+            return
+        for part in message.messages:
             key = (message.publisher_id, message.writer_group_id, part.data_set_writer_id)
             if part.data_set_writer_id == RUN_DATA_ID and part.values and part.values[-1]:
                 self.heard.outcomes[part.values[0]] = part.values[-1]
             elif key in self._statuses and part.values:
                 for status in read_status(SKILL_STATUS_FIELDS, part.values):
-                    self.heard.executions[status.execution_id] = self._statuses[key], status
+                    self.heard.executions[status.execution_id] = status
 
     async def run(self, random: Random, *, is_for_good: bool) -> Judged:
         """One run, with the server killed in it."""
         before = set(self.heard.executions)
         run_id = await self._start_run()
-        await _until(lambda: bool(set(self.heard.executions) - before), "the first task")
+        try:
+            await _until(lambda: bool(set(self.heard.executions) - before), "the first task")
+        except AssertionError as error:
+            raise AssertionError(f"{error}: {'; '.join(await self._shown(run_id, 1.0))}") from error
         killed_after_s = random.uniform(0.0, 0.8 * RUN_S)
         await asyncio.sleep(killed_after_s)
         await self.processes.kill("server")
@@ -182,9 +184,9 @@ class _Fleet:
                 raise AssertionError("a robot has a fault still")
             await asyncio.sleep(0.3)
 
-    async def _shown(self, run_id: str) -> list[str]:
+    async def _shown(self, run_id: str, most_s: float = LONGEST_S) -> list[str]:
         """What is wrong with the run as the server that came back shows it."""
-        deadline = time.monotonic() + LONGEST_S
+        deadline = time.monotonic() + most_s
         async with self.launch.connect() as client:
             while not (info := await ScenarioClient(client).run_info(run_id)).is_over and time.monotonic() < deadline:
                 await asyncio.sleep(0.2)

@@ -397,7 +397,8 @@ class SegmentEngine:
         if self._ends is not None:
             yield
             return
-        self._ends = ends = []
+        ends: list[SegmentEnd] = []
+        self._ends = ends
         with self._records.one_sync():
             try:
                 yield

@@ -176,8 +176,9 @@ class _Fleet:
 
     def _add_bridge(self, config: FleetConfig, robot: RobotModel, *, fails: bool) -> None:
         space, endpoint = config.space_of(robot.name), self.world.endpoint()
+        groups: list[str]
         if self._route is None:
-            groups = groups_of(config, space)
+            groups = list(groups_of(config, space))
         else:  # it hears the server, and the bridges that it hands something over to
             groups = [telemetry_group(SERVER_SPACE)]
             for other in dict.fromkeys((space, *self._commanded.get(space, ()))):

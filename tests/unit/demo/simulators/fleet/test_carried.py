@@ -54,7 +54,10 @@ def test_tasks_take_as_long_as_orchestrated(both: tuple[Result, Result]) -> None
 
 
 def test_the_table_of_the_page_is_from_this_run(both: tuple[Result, Result], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(modes, "both_modes", lambda _settings: both)
+    def known(_settings: Settings) -> tuple[Result, Result]:
+        return both
+
+    monkeypatch.setattr(modes, "both_modes", known)
     text = PAGE.read_text(encoding="utf-8")
     made = put_between(text, modes.BEGIN, modes.END, modes.markdown())
     assert text == made, "python -m ua_demo.simulators.fleet.modes docs/simulator.md"

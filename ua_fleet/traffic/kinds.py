@@ -12,6 +12,7 @@
     Action request, Action response, again or not                         request, response
         of CarryRun: part, token, end of a run                            token
         of CarryRun: what the server asks of a run                        telemetry
+        of CarryRun, an answer whose request was not seen: with content   telemetry; without: token
     frame whose Timestamp is not new                                      repeat
     keep-alive, or key frame without fields                               keep_alive
     frame with Bad_NoCommunication: the source has gone                   fault
@@ -167,7 +168,10 @@ class Traffic:
         if message.is_request and message.values:
             is_watching = message.values[0] in (Word.FETCH, Word.ANSWER)
             self._said[key] = MessageKind.TELEMETRY if is_watching else MessageKind.TOKEN
-        kind: MessageKind = self._said.get(key, MessageKind.TOKEN)
+        kind: MessageKind | None = self._said.get(key)
+        if kind is None:  # the request was not seen, as by a bridge that writes down what it sends itself
+            has_content = not message.is_request and bool(message.values) and bool(message.values[-1])
+            kind = MessageKind.TELEMETRY if has_content else MessageKind.TOKEN
         return kind
 
     def record(self, kind: MessageKind, size: int, now: float) -> None:

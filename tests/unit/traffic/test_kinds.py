@@ -197,3 +197,25 @@ def test_what_a_bridge_tells_of_its_runs_is_counted_apart() -> None:
     assert traffic.take(Codec().encode(message), 100, 0.0) == [MessageKind.RUN]
     assert traffic.take(Codec().encode(message), 100, 5.0) == [MessageKind.REPEAT]
     assert (traffic.messages[MessageKind.RUN], traffic.bytes[MessageKind.RUN]) == (1, 100)
+
+
+def test_an_answer_whose_request_was_not_seen_is_known_by_its_content() -> None:
+    def answer(content: bytes) -> list[MessageKind]:
+        types = (int(BuiltinType.BYTE), int(BuiltinType.STRING), int(BuiltinType.BYTE_STRING))
+        message = ActionMessage(
+            300,
+            2,
+            CARRY_ID,
+            1,
+            1,
+            ActionState.DONE,
+            is_request=False,
+            requestor_id="0.carried",
+            correlation_data=b"k" * 16,
+            types=types,
+            values=(ExecutionState.DONE.value, "", content),
+        )
+        return Traffic().take(encode_action(message), 100, 0.0)
+
+    assert answer(b"") == [MessageKind.TOKEN]
+    assert answer(b"facts") == [MessageKind.TELEMETRY]

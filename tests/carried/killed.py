@@ -48,6 +48,8 @@ SPEED: Final = 15.0
 RUN_S: Final = 120.0 / SPEED
 """What one run takes, more or less."""
 LONGEST_S: Final = 60.0
+MENDED_S: Final = 60.0 / SPEED + 1.5
+"""So long after a run the drive that has failed turns again, as its robot has told all bridges."""
 SKILLS: Final = Counter(
     {"fetch": 1, "transport": 1, "grasp": 1, "go": 2, "take_off": 1, "pick": 1, "land": 1, "load": 1}
 )
@@ -103,6 +105,7 @@ class _Fleet:
         }
         self._ready: set[str] = set()
         self._changed = asyncio.Event()
+        self._mended_at = 0.0
 
     async def start(self) -> None:
         """Start everything, and wait until it works."""
@@ -157,7 +160,7 @@ class _Fleet:
             await asyncio.sleep(random.uniform(0.0, 0.3 * RUN_S))
             await self._server_again()
         await _until(lambda: run_id in self.heard.outcomes, f"the end of {run_id}")
-        outcome = self.heard.outcomes[run_id]
+        self._mended_at, outcome = time.monotonic() + MENDED_S, self.heard.outcomes[run_id]
         await asyncio.sleep(0.5)  # whatever would be done twice would be by now
         problems = judge(before, self.heard) + ([] if outcome == "done" else [f"bridges say that it is {outcome}"])
         if is_for_good:
@@ -171,6 +174,7 @@ class _Fleet:
 
     async def _start_run(self) -> str:
         """Start a run as soon as the server hears all bridges, and the drive of the run before turns again."""
+        await asyncio.sleep(self._mended_at - time.monotonic())
         deadline = time.monotonic() + LONGEST_S
         while True:
             try:

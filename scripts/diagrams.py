@@ -214,6 +214,29 @@ DIAGRAMS: Final = {
             ),
         ),
     ),
+    "carried-run": Diagram(
+        "A carried run: the server gives each bridge its part; then a token goes down from bridge to bridge",
+        (
+            Band(
+                "the server: needed for the start", (Box("plan", ("segments: what one bridge does without another",)),)
+            ),
+            Link(
+                ("what has happened, when", "it is there to ask"), ("its part to each bridge,", "a token to the first")
+            ),
+            Band("bridge of Ridgeback", (Box("fetch", ("journal, engine, robot: all in one process",)),)),
+            Link((), ("token: said until", "it is acknowledged")),
+            Band("bridge of UR3", (Box("grasp"),)),
+            Link((), ("a token for each branch",)),
+            Band("side by side", (Box("take_off", ("bridge of the drone",)), Box("pick", ("bridge of UR3",)))),
+            Link((), ("both tokens: the join", "has one named bridge")),
+            Band(
+                "bridge of Ridgeback, whose drive has failed",
+                (Box("bring", ("it ranks the substitutes, and asks the best", "robot by the bridge of that")),),
+            ),
+            Link((), ("the end, to each bridge",)),
+            Band("all bridges of the run", (Box("the robots are free", ("the facts stay for the server",)),)),
+        ),
+    ),
     "bridge-ros1": _bridge(
         "ros1",
         Band(

@@ -93,6 +93,14 @@ class Processes:
         # The event comes after this task's end, which `code` waits for.
         asyncio.get_running_loop().call_soon(process.changed.set)
 
+    async def kill(self, name: str) -> None:
+        """Kill a process as a power cut would, and forget it, so that it can be started again."""
+        process = self._processes.pop(name)
+        process.process.kill()
+        await process.process.wait()
+        if process.reader is not None:
+            await process.reader
+
     async def line_with(self, name: str, text: str, timeout_s: float) -> str:
         """The first of the last lines on stdout that contains `text`; raises DemoFailed when it does not come."""
         process = self._processes[name]

@@ -16,7 +16,7 @@ from tests.system import Processes
 TASKS = ["fetch", "transport", "grasp", "approach", "take_off", "pick_left", "bring", "land", "load"]
 KINDS = {
     *("registration", "metadata", "request", "response", "status", "token", "fault", "keep_alive", "repeat"),
-    *("telemetry", "sensor"),
+    *("telemetry", "sensor", "run"),
 }
 WORDS = 4 * 11
 """Ten executions and one halt, each asked for, answered, and both acknowledged."""

@@ -6,9 +6,9 @@ does not grow with it.
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 from ua_fleet.bridge.actions import Actions
 from ua_fleet.bridge.core import BridgeCore, CarrySide
@@ -19,7 +19,23 @@ from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.skill.responder import ResponderLimits
 from ua_fleet.transport.party import Answers
 
-__all__ = ["CarryFactory", "CarryGround"]
+__all__ = ["CarryFactory", "CarryGround", "TurnLoop"]
+
+
+class TurnLoop(Protocol):
+    """What is needed of an event loop."""
+
+    def time(self) -> float:
+        """Monotonic seconds."""
+        ...
+
+    def call_soon(self, callback: Callable[..., object], *args: Any) -> object:
+        """Call it in the next turn."""
+        ...
+
+    def call_later(self, delay: float, callback: Callable[..., object], *args: Any) -> object:
+        """Call it in a turn so many seconds later."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +48,7 @@ class CarryGround:
     actions: Actions
     counters: Counters
     mistakes: Mistakes
-    loop: asyncio.AbstractEventLoop
+    loop: TurnLoop
     send: Callable[[bytes], None]
     """Sends a plain message to all."""
     send_to: Callable[[bytes, tuple[str, int]], None]

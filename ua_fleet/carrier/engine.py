@@ -10,13 +10,15 @@ What is heard is taken in only while there is a run.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import structlog
 
 from ua_fleet.bridge.carry import CarryGround
+from ua_fleet.carrier.concerned import fleet_around
 from ua_fleet.carrying.fragments import FragmentInvalid
 from ua_fleet.carrying.segment_scenario import decode_scenario, way_taken
 from ua_fleet.config.nodes import fleet_model, max_ages_of
@@ -143,11 +145,12 @@ class SegmentEngine:
             records: of the bridge.
             happened: told of each fact of a segment once it is written down.
             decided: told of decisions about who takes a task over, while they are open and when they are over.
-            ended: told of the end of a segment, in a turn of the loop of its own.
+            ended: told of the end of a segment, at the end of a turn of the loop.
         """
         self._space, self._ground, self._records = space, ground, records
         self._happened, self._decided, self._ended = happened, decided, ended
         self._log: Any = structlog.get_logger("ua_fleet.carrier")
+        config = fleet_around(config, space)
         timing, model = config.pubsub.timing(), fleet_model(config)
         self._local = Subscriber(
             SERVER_SPACE,
@@ -179,6 +182,8 @@ class SegmentEngine:
         """Spaces of bridges that a person has said are off."""
         self._queue: deque[bytes] = deque()
         """What the bridge has said, and is taken in with the next turn of the loop."""
+        self._ends: list[SegmentEnd] | None = None
+        """Segments that have ended in this turn, which is synced to the disk once; None between turns."""
         self._next_tick = 0.0
         wall_s = steady(ground.loop.time, lambda: (ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND)
         self.wall_s = wall_s
@@ -298,10 +303,11 @@ class SegmentEngine:
 
     def _take_own(self) -> None:
         now = self._ground.loop.time()
-        for _ in range(len(self._queue)):
-            datagram = self._queue.popleft()
-            with self._ground.mistakes.guard("carried runs"):
-                self._hear(self._local.receive(datagram, now, ("", 0)), now, is_own=True)
+        with self._turn():
+            for _ in range(len(self._queue)):
+                datagram = self._queue.popleft()
+                with self._ground.mistakes.guard("carried runs"):
+                    self._hear(self._local.receive(datagram, now, ("", 0)), now, is_own=True)
         if self._queue:
             self._ground.loop.call_soon(self._take_own)
         self._ground.sooner()
@@ -313,7 +319,8 @@ class SegmentEngine:
 
     def receive(self, event: ActionReceived, now: float) -> None:
         """Take the response of another bridge."""
-        self._skills.receive(event, now)
+        with self._turn():
+            self._skills.receive(event, now)
 
     def _hear(self, events: Iterable[SubscriberEvent], now: float, *, is_own: bool = False) -> None:
         wall = self._ground.wall_ticks()
@@ -391,18 +398,39 @@ class SegmentEngine:
             self._tell_end(record)
 
     def _tell_end(self, record: RunRecord) -> None:
-        self._ground.loop.call_soon(self._ended, _end_of(record))
+        if self._ends is None:
+            self._ground.loop.call_soon(self._ended, _end_of(record))
+        else:
+            self._ends.append(_end_of(record))
+
+    @contextmanager
+    def _turn(self) -> Generator[None]:
+        """Have what happens within synced once, with the ends of segments that follow from it."""
+        if self._ends is not None:
+            yield
+            return
+        ends: list[SegmentEnd] = []
+        self._ends = ends
+        with self._records.one_sync():
+            try:
+                yield
+            finally:
+                self._ends = None
+                for end in ends:
+                    with self._ground.mistakes.guard("carried runs", run_id=end.run_id):
+                        self._ended(end)
 
     # Time.
 
     def poll(self, now: float) -> None:
         """Do what is due."""
-        self._hear(self._local.poll(now), now)
-        self._skills.poll(now)
-        if now >= self._next_tick:
-            self._next_tick = now + TICK_S
-            self._take(self._state.tick(self._ground.wall_ticks()))
-        self._service.poll()
+        with self._turn():
+            self._hear(self._local.poll(now), now)
+            self._skills.poll(now)
+            if now >= self._next_tick:
+                self._next_tick = now + TICK_S
+                self._take(self._state.tick(self._ground.wall_ticks()))
+            self._service.poll()
 
     def next_deadline(self) -> float:
         """When `poll` is to be called next."""

@@ -15,7 +15,7 @@ from ua_fleet.bridge.carry import CarryGround
 from ua_fleet.carrying import AskEpoch, Carry, Holder, Send, SendToken
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.errors import RobotOffline, UaFleetError
-from ua_fleet.operation.skills.commands import SkillCommands
+from ua_fleet.operation.skills.commands import JOURNALED_PACE, SkillCommands
 from ua_fleet.pubsub.carry_action import CARRY, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.skill.executions import EXECUTION_ID_BYTES, OutcomeKind, RequestOutcome, unpack
@@ -65,6 +65,7 @@ class Outbox:
             log=log,
             space=space,
             instance=INSTANCE,
+            pace=JOURNALED_PACE,
             told=self._concluded,
             most_remembered=MOST_REMEMBERED,
         )

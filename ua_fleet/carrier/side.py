@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -20,7 +22,8 @@ from ua_fleet.bridge.carry import CarryFactory, CarryGround
 from ua_fleet.bridge.immediate import ImmediateActions
 from ua_fleet.carrier.engine import INSTANCE, SegmentEnd, SegmentEngine
 from ua_fleet.carrier.outbox import Outbox
-from ua_fleet.carrying import Begin, Gone, Holder, Pause, RunRefused, Tell, segment_of, segment_run
+from ua_fleet.carrier.watching import RunWatch
+from ua_fleet.carrying import Begin, Gone, Holder, Part, Pause, RunRefused, Tell, segment_of, segment_run
 from ua_fleet.carrying.adoption import decode_adoption, encode_filled
 from ua_fleet.carrying.effects import Carry, Stop, fact_before
 from ua_fleet.carrying.held import HeldRun
@@ -34,15 +37,18 @@ from ua_fleet.operation.runs.decision_words import encode_decision
 from ua_fleet.orchestrator import DecisionChanged
 from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, CARRY_REQUEST, CARRY_RESPONSE, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, SubscriberEvent
+from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.facts import Fact, decode_fact, encode_fact
+from ua_fleet.scenario.model import End
 from ua_fleet.skill.executions import RequestorName, pack
 from ua_fleet.storage.carried_records import CARRIED_FILE, CarriedRecords
+from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import TICKS_PER_SECOND, UNIX_EPOCH_TICKS, BuiltinType, StatusCode
 from ua_fleet.wire.actions import ActionMessage
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 from ua_fleet.wire.security import read_security
 
-__all__ = ["carrier_of"]
+__all__ = ["carrier_of", "told_by"]
 
 REQUESTS_AT_ONCE: Final = 64
 PAGE_BYTES: Final = 24_000
@@ -59,22 +65,43 @@ class RunUnknown(ScenarioError):
     remedy = "The bridge has forgotten it, or its state folder is another one."
 
 
-def carrier_of(config: FleetConfig, name: str, state_dir: Path) -> CarryFactory:
+def carrier_of(
+    config: FleetConfig, name: str, state_dir: Path, records: Callable[[], CarriedRecords] | None = None
+) -> CarryFactory:
     """What makes who carries runs in a bridge.
 
     Args:
         config: the fleet's.
         name: of the bridge.
         state_dir: of the bridge; its file of carried runs is made when the first part comes.
+        records: makes that file, where it is another one.
     """
-    return partial(_Carrier, config, name, state_dir)
+    return partial(_Carrier, config, name, state_dir, records or partial(CarriedRecords, state_dir))
+
+
+def told_by(part: Part) -> frozenset[int]:
+    """The spaces of the bridges that one with this part tells something: all of the run where it may end it."""
+    segments = part.segments.values()
+    steps = [step for segment in segments for step in Scenario("", segment.body).steps()]
+    may_end = any(segment.fails is None and not segment.tells for segment in segments)
+    if may_end or any(isinstance(step, End) for step in steps):
+        return frozenset(part.spaces)
+    return frozenset([road.space for segment in segments for road in segment.roads])
 
 
 class _Carrier:
     """See `bridge.carry.CarrySide`."""
 
-    def __init__(self, config: FleetConfig, name: str, state_dir: Path, ground: CarryGround) -> None:
+    def __init__(
+        self,
+        config: FleetConfig,
+        name: str,
+        state_dir: Path,
+        records: Callable[[], CarriedRecords],
+        ground: CarryGround,
+    ) -> None:
         self._config, self._name, self._state_dir, self._ground = config, name, state_dir, ground
+        self._make_records = records
         self._bridge = config.bridges[name]
         self._space, ns = self._bridge.space, config.fleet.namespace_index
         self._topic = carry_topic(self._space, ns)
@@ -88,6 +115,7 @@ class _Carrier:
         self._decisions: dict[str, dict[str, DecisionChanged]] = {}
         """The last ones of each run about who takes a task over, by their ids."""
         self._outbox = Outbox(self._space, ns, spaces, ground, self._log)
+        self._watch = RunWatch(self._space, ns, name, ground)
         self._actions = ImmediateActions(
             self._space,
             ground.publisher,
@@ -103,7 +131,7 @@ class _Carrier:
             wall_ticks=ground.wall_ticks,
             caught=ground.mistakes.caught,
             answers=ground.answers,
-            limits=ground.limits,
+            limits=replace(ground.limits, most_repeats=0),  # who has not heard it asks again
         )
         ground.actions.reserved_for = self._holder.reserved_for
         self._storage_problem = ""
@@ -123,6 +151,8 @@ class _Carrier:
         """Announce the Action, and go on where the journal ends."""
         try:
             self._actions.offer(self._topic, CARRY, self._name, CARRY_REQUEST, CARRY_RESPONSE, now)
+            if set(self._bridge.requestors) - {SERVER_SPACE, self._space}:  # it is to take part in runs with others
+                self._watch.announce()
         except LocalWireError as error:
             self._log.error("this bridge carries no runs", reason=str(error))
             return
@@ -133,7 +163,7 @@ class _Carrier:
     def _open(self) -> CarriedRecords:
         """The file, made where it is not there yet; raises StorageUnavailable."""
         if self._records is None:
-            self._records = CarriedRecords(self._state_dir)
+            self._records = self._make_records()
         return self._records
 
     def _restore(self, now: float) -> None:
@@ -141,12 +171,13 @@ class _Carrier:
         self._holder = Holder(self._space, self._note, records.facts())
         self._ground.actions.reserved_for = self._holder.reserved_for
         for run_id in self._holder.runs:
-            self._pages[run_id] = [
-                encode_fact(fact) for segment in records.segments_of(run_id) for fact in records.runs.facts(segment)
-            ]
+            facts = [fact for segment in records.segments_of(run_id) for fact in records.runs.facts(segment)]
+            self._pages[run_id] = [encode_fact(fact) for fact in facts]
+            self._watch.restored(run_id, facts)
         effects = self._holder.again(self._wall_s())
-        for held in self._holder.runs.values():
-            self._want_others(held.part.spaces)
+        for run_id, held in self._holder.runs.items():
+            asks_all = run_id in self._holder.in_doubt
+            self._want_others(held.part.spaces if asks_all else told_by(held.part))
         if self._holder.in_doubt:
             waiting = ", ".join(sorted(self._holder.in_doubt))
             self._log.warning("this bridge was away, and asks whether its tokens were adopted", runs=waiting)
@@ -233,7 +264,8 @@ class _Carrier:
             case Word.PART if sender == 0:
                 self._take_part(content, now)
             case Word.TOKEN:
-                self._do(self._holder.take_token(content, sender, wall_s))
+                with self._one_sync():  # the token, and what its first task is asked with
+                    self._do(self._holder.take_token(content, sender, wall_s))
             case Word.END:
                 words = decode_words(content)
                 run_id, outcome, reason = (str(words.get(name, "")) for name in ("run", "outcome", "reason"))
@@ -256,17 +288,24 @@ class _Carrier:
                 raise RunUnknown(f"there is no word {word} of carried runs for space {sender}")
         return pack(_BYTES, (answer,))
 
+    def _one_sync(self) -> AbstractContextManager[None]:
+        return nullcontext() if self._records is None else self._records.one_sync()
+
     def _take_part(self, content: bytes, now: float) -> None:
         if self._holder.in_doubt:
             raise RunRefused("this bridge was away, and waits to hear whether tokens of its runs were adopted")
         was_idle = not self._is_busy
         self._holder.take_part(content, self._wall_s())
-        if self._engine is None:
-            self._engine_now(now)
-        elif was_idle:
+        if self._engine is not None and was_idle:
             self._engine.catch_up(now)
-        for held in self._holder.runs.values():
-            self._want_others(held.part.spaces)
+        self._ground.loop.call_soon(self._make_ready)  # it takes a while, and the part is acknowledged at once
+
+    def _make_ready(self) -> None:
+        """Have the engine, and know the other bridges, before the first token comes."""
+        with self._ground.mistakes.guard("carried runs"):
+            self._engine_now(self._ground.loop.time())
+            for held in self._holder.runs.values():
+                self._want_others(told_by(held.part))
 
     def _want_others(self, spaces: Iterable[int]) -> None:
         for space in spaces:
@@ -292,7 +331,7 @@ class _Carrier:
         """Take it, and say which tokens are here: they prove what the bridge that is off has done."""
         self._do(self._holder.take_adoption(content, wall_s))
         part = decode_adoption(content).part
-        self._want_others(part.spaces)
+        self._want_others(told_by(part))
         return encode_words(filled=encode_filled(self._held(part.run_id).filled()))
 
     def _confirm(self, words: dict[str, Any]) -> str:
@@ -362,7 +401,9 @@ class _Carrier:
                     engine.stop_segment(run_id, effect.reason)
 
     def _happened(self, segment: str, fact: Fact) -> None:
-        self._pages.setdefault(segment.rpartition(".")[0], []).append(encode_fact(fact))
+        run_id = segment.rpartition(".")[0]
+        self._pages.setdefault(run_id, []).append(encode_fact(fact))
+        self._watch.happened(run_id, fact)
 
     def _decided(self, changed: DecisionChanged) -> None:
         """Keep it for the server, where it is of a segment."""
@@ -371,6 +412,7 @@ class _Carrier:
         known[changed.event.decision_id] = changed
         while len(known) > MOST_DECISIONS:
             del known[next(iter(known))]
+        self._watch.decided(changed.run_id.rpartition(".")[0], changed)
 
     def _segment_ended(self, end: SegmentEnd) -> None:
         run_id, place = segment_of(end.run_id)
@@ -400,6 +442,7 @@ class _Carrier:
         """Say what others have not acknowledged."""
         with self._ground.mistakes.guard("carried runs"):
             self._outbox.say(list(self._holder.to_send()), self._told)
+            self._watch.look(self._holder)
         self._ground.sooner()
 
     def _told(self, note: Callable[[Holder, float], list[Carry] | None]) -> None:
@@ -421,6 +464,8 @@ class _Carrier:
             self._holder.forget(run_id)
             self._pages.pop(run_id, None)
             self._decisions.pop(run_id, None)
+            self._watch.forget(run_id)
+        self._watch.look(self._holder)
 
     def poll(self, now: float) -> None:
         """Do what is due."""

@@ -1,7 +1,8 @@
 """What one bridge gets of a plan before anything begins: its own segments, and where their tokens go.
 
-JSON, compressed, since a part is sent once. Its hash is that of the whole plan: a token that was made for another plan
-is refused, and so is a second part for the same run with another one.
+JSON, compressed with a dictionary of what stands in each part, since most parts are small. Its hash is that of the
+whole plan: a token that was made for another plan is refused, and so is a second part for the same run with another
+one.
 """
 
 from __future__ import annotations
@@ -36,8 +37,19 @@ __all__ = [
 ]
 
 VERSION: Final = 2
+_DICTIONARY: Final = (
+    b'"retries":1,"capacities":["mobile","grab"],"quantities":{"distance":[1.0,"m"]},"after":[""]},"on_unknown":"retry",'
+    b'{"=":"angle"},{"key":"","line":0,"kind":"if","when":"","then":{"else":{"kind":"sequence","steps":[{"kind":"wait",'
+    b'"parameters":{"limit":20.0},"segments":[{"n":1,"slots":2,"needs":[],"then":[[0,0,256,[]]],"fails":[1,255,256],'
+    b'"fails":null,"steps":[]},{"n":1,"slots":1,"needs":[],"then":[],"fails":null,"steps":[{"kind":"task","key":"1",'
+    b'"line":10,"name":"","skill":"","robot":"","arguments":{"to":""},"timeout_s":120.0,"on_unknown":"ask"}]},'
+    b'{"version":2,"run":"20260101-000000-","scenario":"","by":"operator","hash":"","epoch":1,"lease_s":1200.0,'
+    b'"adopt_after_s":300.0,"spaces":[[256,257]],"parameters":{},"segments":[{"n":0,"slots":1,"needs":[],"then":[['
+)
+"""Of zlib: what a part refers to in place of saying it, the frequent at its end. A change of it is a new version."""
 MOST_PART_BYTES: Final = 32_000
 """As it is sent: what one message has room for beside its head and signature."""
+_MOST_SPACE: Final = 0xFFFF
 MOST_JSON_BYTES: Final = 1_000_000
 """Of what is in it."""
 
@@ -223,7 +235,7 @@ def _json(part: Part) -> bytes:
         "epoch": part.epoch,
         "lease_s": part.lease_s,
         "adopt_after_s": part.adopt_after_s,
-        "spaces": part.spaces,
+        "spaces": _ranges(part.spaces),
         "parameters": dict(part.parameters),
         "segments": segments,
     }
@@ -236,7 +248,8 @@ def encode_part(part: Part) -> bytes:
     Raises:
         PartInvalid: it is too large.
     """
-    content = zlib.compress(_json(part), 9)
+    deflating = zlib.compressobj(9, zdict=_DICTIONARY)
+    content = deflating.compress(_json(part)) + deflating.flush()
     if len(content) > MOST_PART_BYTES:
         raise PartInvalid(
             f"the part of one bridge has {len(content)} bytes, and at most {MOST_PART_BYTES} are sent; "
@@ -250,7 +263,7 @@ def decode_part(content: bytes) -> Part:
     if len(content) > MOST_PART_BYTES:
         raise PartInvalid(f"a part has at most {MOST_PART_BYTES} bytes, this one {len(content)}")
     try:
-        inflating = zlib.decompressobj()
+        inflating = zlib.decompressobj(zdict=_DICTIONARY)
         text = inflating.decompress(content, MOST_JSON_BYTES)
         if inflating.unconsumed_tail or not inflating.eof:
             raise PartInvalid(f"a part holds at most {MOST_JSON_BYTES} bytes")
@@ -275,10 +288,30 @@ def _part(data: Any) -> Part:
         int(data["epoch"]),
         float(data["lease_s"]),
         float(data["adopt_after_s"]),
-        tuple([int(space) for space in data["spaces"]]),
+        _spaces(data["spaces"]),
         dict(data["parameters"]),
         segments,
     )
+
+
+def _ranges(spaces: tuple[int, ...]) -> list[list[int]]:
+    """The first and last of spaces that follow each other: those of a large fleet mostly do."""
+    ranges: list[list[int]] = []
+    for space in spaces:
+        if ranges and space == ranges[-1][1] + 1:
+            ranges[-1][1] = space
+        else:
+            ranges.append([space, space])
+    return ranges
+
+
+def _spaces(ranges: Any) -> tuple[int, ...]:
+    spaces: list[int] = []
+    for first, last in ranges:
+        if not 0 < first <= last <= _MOST_SPACE or len(spaces) > _MOST_SPACE:
+            raise PartInvalid("a part names spaces that there are not")
+        spaces += range(int(first), int(last) + 1)
+    return tuple(spaces)
 
 
 def _segment(data: Any) -> PartSegment:

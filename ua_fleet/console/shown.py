@@ -72,10 +72,10 @@ def shown_value(value: Any, depth: int = 0) -> Any:
     if depth >= _DEPTH:
         return {"deep": type(value).__name__}
     if isinstance(value, Mapping):
-        fields = cast("Mapping[Any, Any]", value)
+        fields: Mapping[Any, Any] = value  # pyright: ignore[reportUnknownVariableType]
         return {_sound(str(name)): shown_value(part, depth + 1) for name, part in fields.items()}
     if isinstance(value, Sequence):
-        elements = cast("Sequence[Any]", value)
+        elements: Sequence[Any] = value  # pyright: ignore[reportUnknownVariableType]
         shown = [shown_value(element, depth + 1) for element in elements[:_ELEMENTS]]
         return shown if len(elements) <= _ELEMENTS else {"array": len(elements), "first": shown}
     return _text(str(value))

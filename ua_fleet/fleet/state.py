@@ -43,6 +43,7 @@ from ua_fleet.pubsub.events import (
     SourceUnknown,
     SubscriberEvent,
 )
+from ua_fleet.pubsub.run_data import RUN_DATA_ID
 from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import DataSetMetaData
 
@@ -273,6 +274,8 @@ class FleetState:
         source = self._sources.get(topic)
         changes: list[Change] = []
         if source is None:
+            if topic.id == RUN_DATA_ID:
+                return []  # the run is shown as a whole, and not what each bridge says of it
             source, changes = self._find(topic, metadata, wall_ticks)
             if source is None:
                 is_conflict = (topic.ns, topic.id) in self._claims
@@ -396,6 +399,8 @@ class FleetState:
         known = self._sources.get(topic)
         if known is not None and topic not in self._discovered:
             return known, []
+        if topic.id == RUN_DATA_ID:
+            return None, []
         owner = self._claims.get((topic.ns, topic.id))
         if owner is not None and (owner != topic or topic in self._skills):
             if topic in self._conflicts or len(self._conflicts) >= _MAX_CONFLICTS:

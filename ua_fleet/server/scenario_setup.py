@@ -33,7 +33,7 @@ from ua_fleet.operation.runs.carried import CarriedRuns
 from ua_fleet.operation.runs.clock import steady
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.runs.task_calls import Requests
-from ua_fleet.operation.skills.commands import SkillCommands
+from ua_fleet.operation.skills.commands import JOURNALED_PACE, SkillCommands
 from ua_fleet.orchestrator import Output, RunChanged
 from ua_fleet.server.attached import Ground
 from ua_fleet.server.hub import Hub, wall_ticks
@@ -138,6 +138,7 @@ def make_scenarios(
             must_be_verified=must_be_verified,
             clock=clock,
             log=log_of_runs,
+            pace=JOURNALED_PACE,
         ),
         reserve=service.driven,
         sooner=timer.sooner,

@@ -8,6 +8,7 @@ A request is journaled, then sent as ActionState Executing, and repeated (OPC 10
     ASKING   Executing heard                                           wait for Done, ask again if it falls silent
     ASKING   timeout over, or `withdraw`                               ask on with TimeoutHint 0
     ASKING   Done heard                                                journal outcome, tell it, send Idle -> CLOSING
+    ASKING   Done heard, of a pace without Idle                        journal outcome, tell it          -> closed
     ASKING   Done with a refusal heard, and `refusal_wait_s` is not 0  the same after so long; an acceptance that is
                                                                        heard in it wins
     ASKING   timeout and grace over                                    journal Unknown, tell it          -> closed
@@ -16,6 +17,8 @@ A request is journaled, then sent as ActionState Executing, and repeated (OPC 10
     any      Done contradicts the outcome: refused and accepted        tell that; accepted wins, and corrects the other
     closed   Done heard                                                send Idle; where the outcome was Unknown and is
                                                                        known now: journal it, tell the correction
+    closed   Done heard, the answer to a copy of a request that had    nothing
+             none, of a pace without Idle
     closed   `inquire`, the outcome Unknown because no answer came     ask with TimeoutHint 0            -> ASKING
     any      restart                                                   requests without an outcome       -> ASKING
 
@@ -28,6 +31,10 @@ That makes the outcomes sharp. Accepted, Refused and TimedOut are the responder'
 once; never was and never will be; never was, because it was too late. Unknown is all else, and says that somebody has
 to look: no answer came in time, whatever happened, or the responder cannot tell itself. An answer that comes after that
 is a fact like any other, and corrects it.
+
+A pace without Idle is the sequence of a reliable transport (figure 26), for Actions of which each side can say again
+what it has said: the request is repeated until its answer comes, and nothing is said of the answer. A responder that
+repeats Done wants to hear Idle, and does.
 
 All that is sent for an execution is the same in each run of the requestor: its id, its arguments, when it was issued.
 """
@@ -114,6 +121,8 @@ class RequestPace:
     """So long after its timeout it is asked what became of a request."""
     most_closing: int = 5
     """So often is Idle sent where nothing comes back."""
+    says_idle: bool = True
+    """Whether each Done is answered with Idle (OPC 10000-14 6.2.11.2.2, figure 27), or only one that is repeated."""
     refusal_wait_s: float = 0.0
     """So long after a refusal it is listened whether another responder accepts the request; then the refusal counts."""
 
@@ -135,6 +144,8 @@ class _Exchange:
     arguments: PackedFields
     sent: int = 0
     """Messages of this phase, since the last answer."""
+    copies: int = 0
+    """Requests that were sent."""
     refused: RequestOutcome | None = None
     """A refusal that counts at `next_at`, unless an acceptance comes before."""
 
@@ -171,6 +182,8 @@ class ActionRequestor:
         self._last_issued = max((request.issued for request in self._requests.values()), default=0)
         self._exchanges: dict[bytes, _Exchange] = {}
         self._prepared = PreparedRequests[RecordedRequest]()
+        self._unanswered: dict[bytes, int] = {}
+        """Copies of closed requests whose answers may come yet, the oldest first; of a pace without Idle."""
         self._contradicted: dict[bytes, None] = {}
         """Executions of which that was told, the oldest first."""
 
@@ -331,7 +344,7 @@ class ActionRequestor:
                     if not effects:
                         raise
                     break  # what was journaled before has to be told
-                effects.append(self._close(request, exchange, now))
+                effects += self._close(request, exchange, now)
             elif now >= exchange.give_up:
                 try:
                     again = request.outcome is not None  # an inquiry: it is as unknown as it was
@@ -390,6 +403,7 @@ class ActionRequestor:
         exchange.next_at = now + pause
         if exchange.phase is _Phase.CLOSING:
             return Send(self._message(request, ActionState.IDLE))
+        exchange.copies += 1
         hint_ms = 0.0
         if now < exchange.deadline:
             exchange.next_at = min(exchange.next_at, exchange.deadline)
@@ -457,12 +471,27 @@ class ActionRequestor:
         if told is None or (told.kind is OutcomeKind.UNKNOWN and outcome.kind is not OutcomeKind.UNKNOWN):
             effects += self._conclude(request, outcome)
         if exchange is None:
-            return [*effects, Send(self._message(request, ActionState.IDLE))]
-        return [*effects, self._close(request, exchange, now)]
+            is_repeated = not self._is_answer_to_copy(request.execution_id)
+            return [*effects, Send(self._message(request, ActionState.IDLE))] if is_repeated else effects
+        return [*effects, *self._close(request, exchange, now)]
 
-    def _close(self, request: RecordedRequest, exchange: _Exchange, now: float) -> Send:
+    def _close(self, request: RecordedRequest, exchange: _Exchange, now: float) -> list[RequestorEffect]:
+        if not self._pace.says_idle:
+            del self._exchanges[request.execution_id]
+            if exchange.copies > 1:
+                self._unanswered[request.execution_id] = exchange.copies - 1
+                if len(self._unanswered) > self._most_remembered:
+                    del self._unanswered[next(iter(self._unanswered))]
+            return []
         exchange.phase, exchange.give_up, exchange.sent, exchange.refused = _Phase.CLOSING, math.inf, 0, None
-        return self._say(request, exchange, now)
+        return [self._say(request, exchange, now)]
+
+    def _is_answer_to_copy(self, execution_id: bytes) -> bool:
+        """Whether a further Done may answer a request that was repeated before the first one came."""
+        left = self._unanswered.pop(execution_id, 0)
+        if left > 1:
+            self._unanswered[execution_id] = left - 1
+        return left > 0
 
     def _contradicts(self, request: RecordedRequest) -> list[RequestorEffect]:
         """Once for each request: both answers are repeated."""

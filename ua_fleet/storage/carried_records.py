@@ -7,6 +7,7 @@ fetches them, which may have been away for all of the run.
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final, Self
 
@@ -17,7 +18,7 @@ from ua_fleet.storage.journal import EXECUTION_TABLES
 from ua_fleet.storage.request_journal import REQUEST_TABLES, RequestJournal
 from ua_fleet.storage.run_journal import RUN_TABLES, RunJournal
 
-__all__ = ["CARRIED_FILE", "CarriedRecords"]
+__all__ = ["CARRIED_FILE", "CARRIED_TABLES", "CarriedRecords"]
 
 CARRIED_FILE: Final = "carried.db"
 """In a bridge's `state_dir`."""
@@ -26,6 +27,7 @@ _FACTS: Final = (
     "CREATE TABLE carried (number INTEGER PRIMARY KEY AUTOINCREMENT, run_id TEXT NOT NULL, line TEXT NOT NULL) STRICT",
     "CREATE INDEX carried_of_run ON carried (run_id, number)",
 )
+CARRIED_TABLES: Final = (*_FACTS, *REQUEST_TABLES, *EXECUTION_TABLES, *RUN_TABLES)
 
 
 class _KeptRuns(RunJournal):
@@ -40,10 +42,15 @@ class _KeptRuns(RunJournal):
 class CarriedRecords:
     """The file of one bridge. Every method raises StorageUnavailable where it cannot do its part."""
 
-    def __init__(self, state_dir: Path) -> None:
-        """Open it, or begin one; no other process can use it until `close`."""
-        tables = (*_FACTS, *REQUEST_TABLES, *EXECUTION_TABLES, *RUN_TABLES)
-        self._database = Database(state_dir / CARRIED_FILE, version=_VERSION, schema=tables)
+    def __init__(self, place: Path | Database) -> None:
+        """Open it, or begin one; no other process can use it until `close`.
+
+        Args:
+            place: the bridge's `state_dir`; or a file that is open and has CARRIED_TABLES.
+        """
+        if isinstance(place, Path):
+            place = Database(place / CARRIED_FILE, version=_VERSION, schema=CARRIED_TABLES)
+        self._database = place
         self.runs: RunJournal = _KeptRuns(self._database)
         """Of segments."""
         self.requests = RequestJournal(self._database)
@@ -58,6 +65,10 @@ class CarriedRecords:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def one_sync(self) -> AbstractContextManager[None]:
+        """Have all that is written within synced once, before anything of it leaves the process; see Database."""
+        return self._database.one_sync()
 
     def note(self, fact: CarryFact) -> None:
         """Write a fact down."""

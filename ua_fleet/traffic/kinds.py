@@ -12,11 +12,13 @@
     Action request, Action response, again or not                         request, response
         of CarryRun: part, token, end of a run                            token
         of CarryRun: what the server asks of a run                        telemetry
+        of CarryRun, an answer whose request was not seen: with content   telemetry; without: token
     frame whose Timestamp is not new                                      repeat
     keep-alive, or key frame without fields                               keep_alive
     frame with Bad_NoCommunication: the source has gone                   fault
     SkillStatus in which an execution newly has failed or is unknown      fault
     any other SkillStatus                                                 status
+    what a bridge tells of the runs that it carries                       run
     data of a source whose kind the owner has given                       that one
     any other data                                                        telemetry
 
@@ -33,6 +35,7 @@ from typing import Any, Final, NamedTuple
 
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.pubsub.carry_action import CARRY_ID, Word
+from ua_fleet.pubsub.run_data import RUN_DATA_ID
 from ua_fleet.skill.executions import ExecutionState
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS
 from ua_fleet.topics import Topic
@@ -79,6 +82,8 @@ class MessageKind(StrEnum):
     REPEAT = "repeat"
     """What was said before, for who came late or has lost it."""
     TELEMETRY = "telemetry"
+    RUN = "run"
+    """What a bridge tells of a run that it carries, for whoever watches."""
     SENSOR = "sensor"
     """Data of a sensor that belongs to no robot's own telemetry."""
 
@@ -163,7 +168,10 @@ class Traffic:
         if message.is_request and message.values:
             is_watching = message.values[0] in (Word.FETCH, Word.ANSWER)
             self._said[key] = MessageKind.TELEMETRY if is_watching else MessageKind.TOKEN
-        kind: MessageKind = self._said.get(key, MessageKind.TOKEN)
+        kind: MessageKind | None = self._said.get(key)
+        if kind is None:  # the request was not seen, as by a bridge that writes down what it sends itself
+            has_content = not message.is_request and bool(message.values) and bool(message.values[-1])
+            kind = MessageKind.TELEMETRY if has_content else MessageKind.TOKEN
         return kind
 
     def record(self, kind: MessageKind, size: int, now: float) -> None:
@@ -215,6 +223,8 @@ class Traffic:
             self._timestamps[writer] = timestamp
         if (part.status or 0) >> 16 == _NO_COMMUNICATION:
             return MessageKind.FAULT
+        if part.data_set_writer_id == RUN_DATA_ID:
+            return MessageKind.RUN
         columns = self._columns.get((message.publisher_id, part.data_set_writer_id))
         if columns is not None:
             return self._skill_status_kind(writer, part, columns)

@@ -25,6 +25,7 @@ _EXAMPLES = (
     "ua-fleet simulate --robots 50 --tasks 100",
     "ua-fleet simulate --robots 5 --tasks 9 --faults 1 --json",
     "ua-fleet simulate --robots 20 --tasks 40 --csv traffic.csv --plot figures",
+    "ua-fleet simulate --robots 50 --tasks 100 --carried    # the bridges carry the run; beside the server's way",
 )
 
 
@@ -42,6 +43,12 @@ def simulate(
             "1 s for up to 100 robots, and longer with more of them."
         ),
     ] = None,
+    carried: Annotated[
+        bool,
+        typer.Option(
+            "--carried", help="Have the bridges carry the run, and simulate it orchestrated too, for comparison."
+        ),
+    ] = False,
     csv: Annotated[Path | None, typer.Option(help="Write messages and bytes of each second to this file.")] = None,
     plot: Annotated[
         Path | None, typer.Option(help="Draw the paper's figures 11 to 13 into this folder; simulates smaller fleets.")
@@ -56,7 +63,7 @@ def simulate(
     from ua_demo.simulators.fleet import Settings, figures, report
     from ua_demo.simulators.fleet import simulate as simulated
 
-    settings = Settings(robots, tasks, faults, seed, keep_alive)
+    settings = Settings(robots, tasks, faults, seed, keep_alive, carried=carried)
     # Whatever cannot be done is said before anything is simulated.
     if plot is not None:
         with extra_needed("--plot", "plot"):
@@ -85,7 +92,7 @@ def simulate(
 
 
 def _print(result: Result) -> None:
-    from ua_demo.simulators.fleet import report
+    from ua_demo.simulators.fleet import modes, report
 
     print_line(report.headline(result))
     for failure in result.failures:
@@ -96,6 +103,9 @@ def _print(result: Result) -> None:
     print_line("")
     print_table(report.intervals(result))
     print_line("")
+    if result.settings.carried:
+        print_table(modes.modes_table(*modes.both_modes(result.settings, result)))
+        print_line("")
     for line in report.simplifications(result.settings):
         print_line(f"simplified: {line}")
 

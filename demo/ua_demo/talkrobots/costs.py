@@ -117,6 +117,7 @@ def cost_lines(costs: Costs, *, robots: int, actors: Sequence[str], elapsed_s: f
         ("fault", (MessageKind.FAULT,), f"{fail(faulty)}", "Eq. 11"),
         ("sensor", (MessageKind.SENSOR,), f"{updates:.0f}", "Eq. 3 and 10: its updates, and who asks for them"),
         ("metadata", (MessageKind.METADATA,), "-", "not counted there: what data and Actions look like"),
+        ("run", (MessageKind.RUN,), "-", "not counted there: what bridges tell of a carried run, for who watches"),
         ("keep_alive", (MessageKind.KEEP_ALIVE,), "-", "not counted there"),
         ("repeat", (MessageKind.REPEAT,), "-", "not counted there"),
         ("telemetry", (MessageKind.TELEMETRY,), "-", "not counted there: poses, batteries, the bridges' own state"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import zlib
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +12,7 @@ import pytest
 
 from ua_fleet.carrying import PlanView, decode_part, encode_part, parts_of, split
 from ua_fleet.carrying.fragments import FragmentInvalid, decode_step, encode_step
-from ua_fleet.carrying.part import PartInvalid, Road
+from ua_fleet.carrying.part import _DICTIONARY, PartInvalid, Road, _json  # pyright: ignore[reportPrivateUsage]
 from ua_fleet.carrying.plan import Edge, Hearing, MailSlot, Plan
 from ua_fleet.carrying.segment_scenario import decode_scenario, segment_scenario
 from ua_fleet.carrying.token import WHOLE, SegmentRound
@@ -254,3 +255,29 @@ def test_steps_come_back_as_they_were() -> None:
 def _plain(value: object) -> str:
     """All of it as text; the trees of expressions, which are compared by their places, left out."""
     return re.sub(r"_tree=<[^>]*>", "", repr(value))
+
+
+def test_spaces_that_follow_each_other_take_no_room() -> None:
+    def part_of(count: int) -> bytes:
+        robots = {f"r{number}": 300 + number for number in range(count)}
+        skills = {name: RobotView(name, frozenset(), {"work": WORK}) for name in robots}
+        mutual = dict.fromkeys(robots.values(), frozenset({0, *robots.values()}))
+        view = PlanView(FleetView(skills), robots, mutual)
+        found, problems = split(made(*[task(f"t_{name}", name) for name in robots]), view)
+        assert found is not None, problems
+        part = parts_of(found, "run", "made", {}, "eva")[300]
+        assert decode_part(encode_part(part)) == part
+        assert part.spaces == tuple(robots.values())
+        return encode_part(part)
+
+    assert len(part_of(200)) <= len(part_of(3)) + 8
+
+
+@pytest.mark.parametrize("spaces", [[[0, 3]], [[5, 4]], [[1, 70_000]], [[1, 65_535]] * 3, [[1]], [1], "1"])
+def test_spaces_that_there_are_not_are_refused(spaces: Any) -> None:
+    part = parts_of(plan(task("one", "a")), "run", "made", {}, "eva")[300]
+    data = json.loads(_json(part))
+    data["spaces"] = spaces
+    deflating = zlib.compressobj(zdict=_DICTIONARY)
+    with pytest.raises(PartInvalid):
+        decode_part(deflating.compress(json.dumps(data).encode()) + deflating.flush())

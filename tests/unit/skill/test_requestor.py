@@ -521,3 +521,61 @@ def test_the_record_from_which_issue_times_go_on_is_kept() -> None:
     with pytest.raises(StorageUnavailable):
         start(requestor, execution_id=OTHER_ID)
     assert [request.execution_id for request in journal.requests()] == [ID]
+
+
+def without_idle(*, most: int = 100) -> ActionRequestor:
+    pace = RequestPace(interval_s=0.1, longest_interval_s=0.4, grace_s=2.0, says_idle=False)
+    return ActionRequestor(RequestorName.checked(0, "server"), MemoryJournal(), pace=pace, most_remembered=most)
+
+
+def test_an_exchange_without_idle_is_over_with_the_answer() -> None:
+    requestor = without_idle()
+    start(requestor)
+    (concluded,) = requestor.receive(RUNNING, 0.05)
+    assert isinstance(concluded, Concluded)
+    assert concluded.outcome.kind is OutcomeKind.ACCEPTED
+    assert requestor.next_deadline() is None
+    assert requestor.poll(9.0) == []
+
+
+def test_a_responder_that_repeats_its_answer_hears_idle() -> None:
+    requestor = without_idle()
+    start(requestor)
+    requestor.receive(RUNNING, 0.05)
+    for at in (0.15, 0.25):
+        assert sent(requestor.receive(RUNNING, at)).action_state == ActionState.IDLE
+
+
+def test_answers_to_copies_of_a_request_are_not_repeated_answers() -> None:
+    requestor = without_idle()
+    start(requestor)
+    for at in (0.1, 0.35):
+        sent(requestor.poll(at))
+    requestor.receive(RUNNING, 0.36)
+    assert requestor.receive(RUNNING, 0.37) == requestor.receive(RUNNING, 0.38) == []
+    assert sent(requestor.receive(RUNNING, 0.4)).action_state == ActionState.IDLE
+
+
+def test_copies_without_an_answer_are_remembered_of_as_many_as_requests() -> None:
+    requestor = without_idle(most=8)
+    ids = [bytes([number]) * 16 for number in range(12)]
+    for number, execution_id in enumerate(ids):
+        start(requestor, 10.0 * number, execution_id, UTC + number)
+        requestor.poll(10.0 * number + 0.1)
+        requestor.receive(
+            said(ActionState.DONE, ExecutionReport(ExecutionState.RUNNING), execution_id), 10 * number + 1
+        )
+    assert requestor.receive(said(ActionState.DONE, ExecutionReport(ExecutionState.RUNNING), ids[0]), 130.0) == []
+    again = said(ActionState.DONE, ExecutionReport(ExecutionState.RUNNING), ids[-1])
+    assert requestor.receive(again, 130.0) == []
+    assert sent(requestor.receive(again, 130.1)).action_state == ActionState.IDLE
+
+
+def test_a_refusal_of_an_exchange_without_idle_counts_after_a_moment() -> None:
+    pace = RequestPace(interval_s=0.1, longest_interval_s=0.4, grace_s=2.0, refusal_wait_s=0.1, says_idle=False)
+    requestor = ActionRequestor(RequestorName.checked(0, "server"), MemoryJournal(), pace=pace)
+    start(requestor)
+    assert requestor.receive(REFUSED, 0.01) == []
+    (concluded,) = requestor.poll(0.12)
+    assert kinds([concluded]) == [OutcomeKind.REFUSED]
+    assert requestor.next_deadline() is None

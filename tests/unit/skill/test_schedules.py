@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.unit.skill.world import CrashingJournal, Makers, World
+from tests.unit.skill.world import LIMITS, PACE, CrashingJournal, Makers, World
 from ua_fleet.skill import (
     ActionRequestor,
     ActionResponder,
@@ -61,6 +61,17 @@ def test_none_is_done_twice_and_the_requestor_knows(share: int) -> None:
     seen: Counter[str] = Counter()
     for seed in range(share, SCHEDULES, SHARES):
         result = World(seed, through_codec=seed % 40 < SHARES).run()
+        assert not result.problems, f"seed {seed}: {result.problems}"
+        seen += result.seen
+    assert not {kind for kind in KINDS if not seen[kind]}, "what does not occur is not tested"
+    assert seen["contradicted"] == 0
+
+
+def test_two_messages_an_exchange_promise_the_same() -> None:
+    makers = Makers(pace=replace(PACE, says_idle=False), limits=replace(LIMITS, most_repeats=0))
+    seen: Counter[str] = Counter()
+    for seed in range(SCHEDULES // SHARES):
+        result = World(seed, makers=makers).run()
         assert not result.problems, f"seed {seed}: {result.problems}"
         seen += result.seen
     assert not {kind for kind in KINDS if not seen[kind]}, "what does not occur is not tested"

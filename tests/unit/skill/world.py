@@ -143,6 +143,8 @@ class Makers:
     requestor: type[ActionRequestor] = ActionRequestor
     responder: type[ActionResponder] = ActionResponder
     journal: type[CrashingJournal] = CrashingJournal
+    pace: RequestPace = PACE
+    limits: ResponderLimits = LIMITS
 
 
 @dataclass
@@ -235,7 +237,7 @@ class World:
 
     def _requestor_up(self) -> None:
         self._here.attach(self._hear_response)
-        self._requestor = self._makers.requestor(NAME, self._requestor_journal, pace=PACE)
+        self._requestor = self._makers.requestor(NAME, self._requestor_journal, pace=self._makers.pace)
         self._in_requestor(lambda requestor: requestor.resume(self.now, self._utc()))
         for request in self._requestor_journal.requests():  # an application reads outcomes that were not told
             if request.outcome is not None:
@@ -317,7 +319,7 @@ class World:
     def _responder_up(self) -> None:
         self._there.attach(self._hear_request)
         self._responder = self._makers.responder(
-            SPACE, self._responder_journal, Counters(), offers=OFFERS, limits=LIMITS
+            SPACE, self._responder_journal, Counters(), offers=OFFERS, limits=self._makers.limits
         )
         self._in_responder(lambda responder: responder.recover())
 

@@ -8,6 +8,7 @@ from ua_fleet.counters import Counters
 from ua_fleet.pubsub.carry_action import CARRY_ID, Word
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
+from ua_fleet.pubsub.run_data import RUN_DATA_ID
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.skill.executions import ExecutionState
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus
@@ -185,3 +186,36 @@ def test_words_of_carried_runs_are_tokens_and_what_the_server_asks_is_telemetry(
     assert said(Word.FETCH) == [MessageKind.TELEMETRY]
     assert said(None) == said(None, is_request=False) == [MessageKind.TELEMETRY]
     assert said(None, is_request=False, key=bytes([Word.TOKEN] * 16)) == [MessageKind.TOKEN]
+
+
+def test_what_a_bridge_tells_of_its_runs_is_counted_apart() -> None:
+    traffic = Traffic()
+    told = DataSetMessage(
+        RUN_DATA_ID, FrameKind.KEY, types=(int(BuiltinType.STRING),), values=("a run",), timestamp=WALL
+    )
+    message = NetworkMessage(300, writer_group_id=2, messages=(told,))
+    assert traffic.take(Codec().encode(message), 100, 0.0) == [MessageKind.RUN]
+    assert traffic.take(Codec().encode(message), 100, 5.0) == [MessageKind.REPEAT]
+    assert (traffic.messages[MessageKind.RUN], traffic.bytes[MessageKind.RUN]) == (1, 100)
+
+
+def test_an_answer_whose_request_was_not_seen_is_known_by_its_content() -> None:
+    def answer(content: bytes) -> list[MessageKind]:
+        types = (int(BuiltinType.BYTE), int(BuiltinType.STRING), int(BuiltinType.BYTE_STRING))
+        message = ActionMessage(
+            300,
+            2,
+            CARRY_ID,
+            1,
+            1,
+            ActionState.DONE,
+            is_request=False,
+            requestor_id="0.carried",
+            correlation_data=b"k" * 16,
+            types=types,
+            values=(ExecutionState.DONE.value, "", content),
+        )
+        return Traffic().take(encode_action(message), 100, 0.0)
+
+    assert answer(b"") == [MessageKind.TOKEN]
+    assert answer(b"facts") == [MessageKind.TELEMETRY]

@@ -36,7 +36,8 @@ from ua_fleet.operation.runs.run_commands import new_run_id
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, Word, carry_topic
-from ua_fleet.pubsub.events import ActionReceived, DataReceived, SubscriberEvent
+from ua_fleet.pubsub.events import ActionReceived, DataReceived, SourceSilent, SubscriberEvent
+from ua_fleet.pubsub.run_data import RUN_DATA_COUNT, RUN_DATA_ID, RUN_DATA_TYPES
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import (
@@ -66,11 +67,13 @@ ANSWER_S: Final = 2.0
 AGAIN_S: Final = 0.2
 """A bridge that has not answered is asked again after so long."""
 FOLLOW_S: Final = 5.0
-"""A bridge whose robots say nothing new is asked what has become of a run after so long."""
+"""A bridge that tells nothing of a run is asked what has become of it after so long."""
+HEARD_FOLLOW_S: Final = 30.0
+"""The same for one whose DataSet of runs is heard, which tells of news."""
 CLOSING_S: Final = 0.5
 """The same for one that cannot hand over a token, and at the end, when no robot says anything."""
 NEWS_S: Final = 0.1
-"""One whose robot has begun or ended something is asked so long after that: it may hand over the token meanwhile."""
+"""One that tells of news is asked so long after that: it may hand over the token meanwhile."""
 ORDER_S: Final = 5.0
 """So long facts wait for those of bridges that have not answered yet, which may have happened before."""
 MOST_JSON_BYTES: Final = 1_000_000
@@ -95,6 +98,8 @@ class CarriedRuns:
         wall_s: Callable[[], float],
         mistakes: MistakeLog,
         log: Log,
+        new_id: Callable[[float], str] = new_run_id,
+        follow_s: float = FOLLOW_S,
     ) -> None:
         """Go on with those of the journal; `service` has read it.
 
@@ -108,8 +113,11 @@ class CarriedRuns:
             wall_s: wall time.
             mistakes: counts what has cost a run its turn.
             log: gets the lines.
+            new_id: makes the id of a run that begins at a time.
+            follow_s: after so long a bridge whose robots say nothing new is asked what has become of a run.
         """
         self._config, self._service, self._reserve, self._sooner = config, service, reserve, sooner
+        self._new_id, self._follow_s = new_id, follow_s
         self._clock, self._wall_s, self._mistakes, self._log = clock, wall_s, mistakes, log
         self._names = {bridge.space: name for name, bridge in config.bridges.items()}
         self._asked: dict[bytes, Callable[[RequestOutcome], None]] = {}
@@ -117,7 +125,6 @@ class CarriedRuns:
         self._adoptions = Adoptions(config, service, clock=clock, wall_s=wall_s, log=log)
         self._questions = CarriedQuestions(self._names, self._ask, service.show_decision)
         self._runs: dict[str, FollowedRun] = {}
-        self._statuses = {robot.skill_status for robot in service.robots.values()}
         for record in service.carried:
             has_begun = "" in record.state.started
             run = self._runs[record.run_id] = FollowedRun(
@@ -167,7 +174,7 @@ class CarriedRuns:
                 raise ScenarioError(f"{robot} has tasks in the run {users[0]}; wait for its end, or abort it")
         parameters = checked_parameters(scenario, parameters_of(scenario, names, values))
         now = self._wall_s()
-        run_id = new_run_id(now)
+        run_id = self._new_id(now)
         parts = parts_of(
             plan, run_id, scenario.name, parameters, by, adopt_after_s=self._config.scenarios.adopt_after_s
         )
@@ -267,12 +274,27 @@ class CarriedRuns:
         self._commands.receive(event, now)
 
     def follow(self, event: SubscriberEvent) -> None:
-        """A robot has begun or ended something: its bridge has news of the run."""
-        if isinstance(event, DataReceived) and event.topic in self._statuses:
+        """Take what a bridge tells of a run: it is asked for what is new there."""
+        topic = getattr(event, "topic", None)
+        if topic is None or topic.id != RUN_DATA_ID:
+            return
+        if isinstance(event, SourceSilent):
             for run in self._runs.values():
-                if (asked := run.bridges.get(event.topic.space)) is not None and run.phase is CarriedPhase.FOLLOWING:
-                    asked.next_at = min(asked.next_at, self._clock() + NEWS_S)
-                    self._sooner()
+                if (asked := run.bridges.get(topic.space)) is not None:
+                    asked.is_heard = False
+        elif isinstance(event, DataReceived) and event.message.types == RUN_DATA_TYPES:
+            self._look(topic.space, event.message.values)
+
+    def _look(self, space: int, values: Sequence[Any]) -> None:
+        run = self._runs.get(values[0] or "")
+        asked = None if run is None else run.bridges.get(space)
+        if run is None or asked is None:
+            return
+        asked.is_heard = True
+        is_new = values[RUN_DATA_COUNT] > asked.count or (values[-1] and not asked.is_complete)
+        if is_new and run.phase is CarriedPhase.FOLLOWING:
+            asked.next_at = min(asked.next_at, self._clock() + NEWS_S)
+            self._sooner()
 
     def _told(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         if (told := self._asked.pop(execution_id, None)) is not None:
@@ -348,7 +370,7 @@ class CarriedRuns:
             asked.problem = "" if phase is CarriedPhase.FOLLOWING else "it has not answered yet"
 
     def _ask_for(self, run: FollowedRun, space: int, asked: AskedBridge, now: float) -> None:
-        asked.next_at = now + FOLLOW_S
+        asked.next_at = now + self._follow_after_s(asked)
         match run.phase:
             case CarriedPhase.OFFERING if not asked.is_done:
                 word, content = Word.PART, run.parts[space]
@@ -393,13 +415,21 @@ class CarriedRuns:
             return False
         return True
 
+    def _follow_after_s(self, asked: AskedBridge) -> float:
+        adopt_s = self._config.scenarios.adopt_after_s
+        heard_s = min(HEARD_FOLLOW_S, adopt_s / 2) if adopt_s else HEARD_FOLLOW_S
+        return self._follow_s * max(1.0, heard_s / FOLLOW_S) if asked.is_heard else self._follow_s
+
     def _answered(self, run: FollowedRun, phase: CarriedPhase, space: int, word: Word, outcome: RequestOutcome) -> None:
         if run.run_id not in self._runs:
             return
         asked, report = run.bridges[space], outcome.report
         if outcome.kind is not OutcomeKind.UNKNOWN and outcome.kind is not OutcomeKind.TIMED_OUT:
             asked.answered_at = self._clock()
-        asked.is_asked, asked.next_at = False, self._clock() + (FOLLOW_S if word is Word.FETCH else 0.0)
+        asked.is_asked, asked.next_at = (
+            False,
+            self._clock() + (self._follow_after_s(asked) if word is Word.FETCH else 0.0),
+        )
         if is_good(outcome):
             asked.problem = ""
             if word is Word.FETCH:

@@ -40,6 +40,8 @@ class AskedBridge:
     """Whether all was fetched once that it had: what the others say may be put in order with it."""
     has_pause: bool = True
     """Whether it knows whether the run is paused."""
+    is_heard: bool = False
+    """Whether its DataSet of runs is heard: then it tells when it has more."""
     is_complete: bool = False
     """Whether it knows that the run is over, does nothing for it, and has no more facts."""
 

@@ -38,7 +38,7 @@ from ua_fleet.values import BuiltinType, StatusCode
 from ua_fleet.wire.actions import encode_action
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
-__all__ = ["REQUESTOR_INSTANCE", "SkillCommands"]
+__all__ = ["JOURNALED_PACE", "REQUESTOR_INSTANCE", "SkillCommands"]
 
 REQUESTOR_INSTANCE: Final = "server"
 """Second part of the RequestorId. The journal's requests belong to it: it is the same in each run."""
@@ -53,6 +53,8 @@ MOST_REMEMBERED: Final = 1000
 _CONTROLS: Final = {HALT_TARGETS: "stop", SUSPEND_TARGETS: "suspend", RESUME_TARGETS: "resume"}
 REFUSAL_WAIT_S: Final = 0.1
 """What is refused goes to another robot at once; so long another process of its bridge may say that it began it."""
+JOURNALED_PACE: Final = RequestPace(refusal_wait_s=REFUSAL_WAIT_S, says_idle=False)
+"""Of Actions that change nothing when they are done again, so that two messages an exchange suffice (ADR 117)."""
 RETRY_S: Final = 1.0
 """After a journal that could not be written, it is tried again after so long."""
 

@@ -14,6 +14,7 @@ from ua_fleet.config.skill_schema import ArgumentConfig, SkillConfig
 from ua_fleet.errors import ScenarioError, ScenarioInvalid
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.scenario import FleetView, Scenario, read_scenario, validate
+from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import StatusCode
 
 __all__ = ["MOST_ROBOTS", "MOST_TASKS", "TASK_S", "Settings", "SettingsInvalid", "fleet_of", "scenario_of"]
@@ -51,6 +52,8 @@ class Settings:
     and more with more of them."""
     all_hear_all: bool = False
     """Deliver every datagram to every process. The messages are the same; it takes the square of the time."""
+    carried: bool = False
+    """The bridges carry the run; else the server asks each robot."""
 
     def __post_init__(self) -> None:
         for name, value, most in (("robots", self.robots, MOST_ROBOTS), ("tasks", self.tasks, MOST_TASKS)):
@@ -82,15 +85,38 @@ class Settings:
         )
 
 
+def requestors_of(settings: Settings) -> list[tuple[int, ...]]:
+    """The spaces that may command each bridge, in the order of the robots.
+
+    In a carried run these are the bridge that hands it tokens and the one that ends the run, which hears of every
+    failure itself. Where robots fail, each may be asked in place of any other one.
+    """
+    with_tasks = min(settings.robots, settings.tasks)
+    spaces = [_FIRST_SPACE + number for number in range(settings.robots)]
+    if not settings.carried:
+        return [(SERVER_SPACE,)] * settings.robots
+    if settings.faults:
+        return [(SERVER_SPACE, *spaces)] * settings.robots
+    last = (settings.tasks - 1) % settings.robots
+    return [
+        (SERVER_SPACE, *spaces[:with_tasks])
+        if number == last
+        else (SERVER_SPACE, *sorted({spaces[(number - 1) % with_tasks], spaces[last]}))
+        for number in range(settings.robots)
+    ]
+
+
 def fleet_of(settings: Settings) -> FleetConfig:
     """The fleet as its `fleet.yaml` would say it."""
     timing = settings.timing
     bridges: dict[str, BridgeConfig] = {}
     robots: dict[str, RobotConfig] = {}
     argument = ArgumentConfig(type=ScalarType.DOUBLE, unit="m", range=(0, 100))
-    for number in range(settings.robots):
+    for number, requestors in enumerate(requestors_of(settings)):
         name, first_id = robot_name(number), _FIRST_ID + number * _IDS
-        bridges[name] = BridgeConfig(kind="virtual", space=_FIRST_SPACE + number, status_id=first_id)
+        bridges[name] = BridgeConfig(
+            kind="virtual", space=_FIRST_SPACE + number, status_id=first_id, requestors=requestors
+        )
         robots[name] = RobotConfig(
             bridge=name,
             capacities=("mobile",),

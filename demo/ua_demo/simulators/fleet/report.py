@@ -28,6 +28,7 @@ def headline(result: Result) -> str:
     settings = result.settings
     how = result.outcome if not result.reason else f"{result.outcome} ({result.reason})"
     parts = f"{_counted(settings.robots, 'robot')}, {_counted(settings.tasks, 'task')} of {TASK_S:g} s"
+    parts += ", carried by the bridges" if settings.carried else ""
     if settings.faults:
         parts += f", {_counted(settings.faults, 'faulty robot')}"
     times = f"{result.ended_s:.1f} s of the fleet's time, computed in {result.wall_s:.1f} s"
@@ -83,7 +84,9 @@ def simplifications(settings: Settings) -> list[str]:
         "keys are there from the start and are not changed; journals are in memory",
         f"keep-alives each {settings.timing.keep_alive_s:g} s, and all that has a period is as much slower than usual",
     ]
-    if not settings.all_hear_all:
+    if settings.carried and settings.faults:
+        said.append("every datagram is delivered to everybody, since bridges rank the robots of others")
+    elif not settings.all_hear_all:
         said.append("a datagram is delivered to those alone who could use it; who would drop it does not get it")
     return said
 
@@ -96,6 +99,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "robots": settings.robots,
         "tasks": settings.tasks,
         "seed": settings.seed,
+        "mode": "carried" if settings.carried else "orchestrated",
         "keep_alive_s": settings.timing.keep_alive_s,
         "outcome": result.outcome,
         "reason": result.reason,

@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import Final
 
+from ua_demo.simulators.fleet.carried import carried_parts, carrier_in_memory
 from ua_demo.simulators.fleet.fleet import TASK_S, Settings, fleet_of, robot_name, scenario_of
-from ua_demo.simulators.fleet.processes import Place, VirtualBridge, VirtualServer
+from ua_demo.simulators.fleet.processes import Place, VirtualBridge
 from ua_demo.simulators.fleet.robot import VirtualRobot
+from ua_demo.simulators.fleet.server import VirtualRuns, VirtualServer
 from ua_demo.simulators.fleet.world import Route, World
 from ua_fleet.bridge.driver import Skill, SkillTarget
 from ua_fleet.config.nodes import fleet_model
@@ -29,7 +31,8 @@ from ua_fleet.pubsub.security.groups import command_group, telemetry_group
 from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.pubsub.security.nonces import MemoryNonces
 from ua_fleet.resilience import ReplacementChosen
-from ua_fleet.scenario.facts import RunEnded, TaskAssigned, TaskOutcome, TaskOver
+from ua_fleet.scenario.facts import Fact, Replaced, RunEnded, TaskAssigned, TaskOutcome, TaskOver
+from ua_fleet.server.attached import Ground, Parts
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.traffic import Traffic
 from ua_fleet.transport.memory import MemoryEndpoint
@@ -74,6 +77,10 @@ class Result:
     """What any process has dropped, by its cause."""
     wall_s: float = 0.0
     """How long the simulation took."""
+    cpu_s: float = 0.0
+    """What it took of a processor."""
+    _tasks: dict[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]], repr=False)
+    """The name of each task and who has it now, by its step."""
 
     @property
     def is_right(self) -> bool:
@@ -84,7 +91,7 @@ class Result:
     def take(self, output: Output) -> None:
         """Take what the orchestrator tells."""
         if isinstance(output, FaultChanged) and output.change is FaultChange.RAISED:
-            self.failures.append(Failure(output.fault.robot, "", output.fault.since))
+            self._failed(output.fault.robot, output.fault.since)
         elif isinstance(output, DecisionChanged):
             failure = next((one for one in reversed(self.failures) if one.robot == output.failed), None)
             if failure is not None and not failure.replacement:
@@ -92,13 +99,28 @@ class Result:
                 if isinstance(output.event, ReplacementChosen):
                     failure.replacement = output.event.robot
         elif isinstance(output, RunChanged):
-            if isinstance(output.fact, RunEnded):
-                self.outcome, self.reason = output.fact.outcome.value, output.fact.reason
-                self.ended_s = output.fact.at
-            elif isinstance(output.fact, TaskAssigned) and not self.began_s:
-                self.began_s = output.fact.at
-            elif isinstance(output.fact, TaskOver) and output.fact.outcome is TaskOutcome.DONE:
-                self.tasks_done[output.fact.step] += 1
+            self._take_fact(output.fact)
+
+    def _take_fact(self, fact: Fact) -> None:
+        if isinstance(fact, RunEnded):
+            self.outcome, self.reason = fact.outcome.value, fact.reason
+            self.ended_s = fact.at
+        elif isinstance(fact, TaskAssigned):
+            self._tasks[fact.step] = fact.task, fact.robot
+            self.began_s = self.began_s or fact.at
+        elif isinstance(fact, TaskOver) and fact.outcome is TaskOutcome.DONE:
+            self.tasks_done[fact.step] += 1
+        elif isinstance(fact, TaskOver) and fact.outcome is TaskOutcome.STOPPED:
+            self._failed(self._tasks[fact.step][1], fact.at)
+        elif isinstance(fact, Replaced):
+            for failure in self.failures:
+                if failure.robot == fact.failed and not failure.replacement:
+                    failure.task, failure.replacement = self._tasks[fact.step][0], fact.robot
+
+    def _failed(self, robot: str, at: float) -> None:
+        """A robot has failed, as the server has found or a bridge has told."""
+        if all(failure.robot != robot for failure in self.failures):
+            self.failures.append(Failure(robot, "", at))
 
 
 def simulate(settings: Settings) -> Result:
@@ -107,7 +129,7 @@ def simulate(settings: Settings) -> Result:
     Raises:
         ScenarioError: the run did not come to an end, which is a mistake of the program.
     """
-    began = time.perf_counter()
+    began, cpu_began_s = time.perf_counter(), time.process_time()
     result = Result(settings)
     fleet = _Fleet(settings, result)
     limit_s = (settings.tasks + settings.faults + 1) * 2 * TASK_S + _SPARE_S
@@ -115,7 +137,7 @@ def simulate(settings: Settings) -> Result:
         raise ScenarioError(f"the simulated run did not end within {limit_s:g} s of its own clock")
     for counters in fleet.counters:
         result.drops.update(counters.drops)
-    result.wall_s = time.perf_counter() - began
+    result.wall_s, result.cpu_s = time.perf_counter() - began, time.process_time() - cpu_began_s
     return result
 
 
@@ -125,7 +147,9 @@ class _Fleet:
     def __init__(self, settings: Settings, result: Result) -> None:
         self._timing, self._traffic = settings.timing, result.traffic
         self._random = Random(settings.seed)  # noqa: S311 - the same luck for the same seed; its keys protect nothing
-        self._route = None if settings.all_hear_all else Route()
+        # In a carried run each bridge ranks robots of others by what it hears of them.
+        to_all = settings.all_hear_all or (settings.carried and settings.faults > 0)
+        self._route = None if to_all else Route()
         self.world = World(settings.seed, self._route)
         self.counters: list[Counters] = []
         config = fleet_of(settings)
@@ -134,7 +158,15 @@ class _Fleet:
         view = fleet_view(model.robots, {})
         endpoint = self.world.endpoint()
         place = self._place(SERVER_SPACE, all_groups(config), endpoint)
-        self.world.add(VirtualServer(config, model, view, scenario_of(settings, view), place, result.take), endpoint)
+        self._is_carried, scenario = settings.carried, scenario_of(settings, view)
+
+        def parts(ground: Ground) -> Parts:
+            if settings.carried:
+                return carried_parts(config, model, scenario, place, result.take, ground)
+            return Parts(runs=VirtualRuns(config, model, view, scenario, ground, place.clock, result.take))
+
+        self.world.add(VirtualServer(config, model, place, parts), endpoint)
+        self._commanded = _commanded(config)
         if self._route is not None:
             self._route.server = endpoint.address
         with_tasks = range(min(settings.robots, settings.tasks))
@@ -144,14 +176,18 @@ class _Fleet:
 
     def _add_bridge(self, config: FleetConfig, robot: RobotModel, *, fails: bool) -> None:
         space, endpoint = config.space_of(robot.name), self.world.endpoint()
+        groups: list[str]
         if self._route is None:
-            groups = groups_of(config, space)
-        else:  # it hears the server alone
-            groups = telemetry_group(space), command_group(space), telemetry_group(SERVER_SPACE)
+            groups = list(groups_of(config, space))
+        else:  # it hears the server, and the bridges that it hands something over to
+            groups = [telemetry_group(SERVER_SPACE)]
+            for other in dict.fromkeys((space, *self._commanded.get(space, ()))):
+                groups += [telemetry_group(other), command_group(other)]
             self._route.bridges[space] = endpoint.address
         place = self._place(space, groups, endpoint)
         driver = VirtualRobot(_skill_of(robot), self.world.clock, fails=fails)
-        self.world.add(VirtualBridge(config, robot.bridge, driver, place), endpoint)
+        carry = carrier_in_memory(config, robot.bridge) if self._is_carried else None
+        self.world.add(VirtualBridge(config, robot.bridge, driver, place, carry), endpoint)
 
     def _place(self, space: int, groups: Iterable[str], endpoint: MemoryEndpoint) -> Place:
         counters, random = Counters(), Random(self._random.random())  # noqa: S311 - see above
@@ -164,6 +200,15 @@ class _Fleet:
 
     def _sent(self, datagram: bytes, size: int) -> None:
         self._traffic.take(datagram, size, self.world.clock())
+
+
+def _commanded(config: FleetConfig) -> dict[int, list[int]]:
+    """The spaces that each space may command."""
+    found: dict[int, list[int]] = {}
+    for bridge in config.bridges.values():
+        for space in bridge.requestors:
+            found.setdefault(space, []).append(bridge.space)
+    return found
 
 
 def _skill_of(robot: RobotModel) -> Skill:

@@ -44,23 +44,34 @@ class Route:
     """Who could use a datagram: whoever else got it would verify and decode it, and drop it by his rules.
 
     What bridges say is for the server: a SkillStatus and a bridge's own status have no form in another robot's space.
-    A request is for the bridge that it names, and so is a probe, which may be for all as well. Responses are sent to
-    one address anyway.
+    A request is for the bridge that it names, and so is a probe, which may be for all as well; what a bridge announces
+    is for the server, and for bridges that have asked it. Responses are sent to one address anyway.
     """
 
     def __init__(self) -> None:
         self.server: Address = ("", 0)
         self.bridges: dict[int | str | None, Address] = {}
         """By their spaces."""
+        self._asking: dict[int | str | None, set[Address]] = {}
+        """The bridges that have sent a probe to another one, by its space."""
 
     def __call__(self, datagram: bytes, sender: Address) -> Iterable[Address] | None:
         """The addresses of the members that could use it; None for all."""
         heard = read_security(datagram)
         if heard.is_discovery and datagram[2] & MESSAGE_TYPE_BITS == _PROBE:
             to = self.server if heard.publisher_id == SERVER_SPACE else self.bridges.get(heard.publisher_id)
+            if sender != self.server:
+                self._asking.setdefault(heard.publisher_id, set()).add(sender)
             return None if to is None else (to,)
         if sender != self.server:
-            return (self.server,)
+            bridge = self.bridges.get(heard.publisher_id)
+            if heard.is_action and bridge is not None and bridge != sender:
+                return (bridge,)
+            return (
+                (self.server, *sorted(self._asking.get(heard.publisher_id, ())))
+                if heard.is_discovery
+                else (self.server,)
+            )
         if not heard.is_action:
             return ()
         bridge = self.bridges.get(heard.publisher_id)

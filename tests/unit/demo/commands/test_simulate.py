@@ -19,6 +19,14 @@ def test_a_table_for_people(invoke: Invoke) -> None:
     assert "simplified: keep-alives each 1 s" in ended.stdout
 
 
+def test_both_modes_beside_each_other(invoke: Invoke) -> None:
+    ended = invoke("simulate", "--robots", "3", "--tasks", "4", "--carried")
+    assert (ended.code, ended.stderr) == (0, "")
+    assert ended.stdout.startswith("3 robots, 4 tasks of 3 s, carried by the bridges, seed 0: done after ")
+    assert "token: parts, tokens, ends" in ended.stdout
+    assert "TalkRoBots" in ended.stdout
+
+
 def test_json_and_csv(invoke: Invoke, tmp_path: Path) -> None:
     ended = invoke("simulate", "--robots", "2", "--tasks", "2", "--json", "--csv", "traffic.csv")
     assert ended.code == 0

@@ -287,8 +287,7 @@ class Channel:
     def encode(self, response: Any, handle: int) -> bytes:
         """The bytes of a response; raises OverflowError when it is longer than the client takes."""
         if isinstance(response, ArrayResponse):
-            response.response.ResponseHeader.RequestHandle = handle
-            data = response.encode()
+            data = response.encode(handle)
         else:
             response.ResponseHeader.RequestHandle = handle
             data = encode(response)

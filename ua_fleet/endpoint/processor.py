@@ -44,7 +44,8 @@ from ua_fleet.endpoint.services import Services, encoding
 from ua_fleet.endpoint.sessions import Session
 from ua_fleet.endpoint.stack import DECODE_ERRORS, ObjectIds, Refusal, StatusCodes, name_of, status, status_of
 from ua_fleet.endpoint.trust import CertificateRefused
-from ua_fleet.endpoint.turns import LARGE_BYTES, TURN_S, Turns
+from ua_fleet.endpoint.turns import LARGE_BYTES, TURN_S, TurnPlace, Turns
+from ua_fleet.endpoint.users import User
 from ua_fleet.errors import RemoteWireError
 
 __all__ = ["Processor", "Stage", "refuse_stranger"]
@@ -120,6 +121,8 @@ class Processor:
         """Responses that wait behind the chunks of a large one, while there is one."""
         self._turns: Turns | None = None
         """Of the request that is worked on."""
+        self._place: tuple[User, TurnPlace] | None = None
+        """Of the user who has asked last."""
         self._deadline = connection.opened_at + context.limits.handshake_s
 
     @property
@@ -454,8 +457,7 @@ class Processor:
             is_gone = self._connection.over
             return Refusal(_GONE, "the client has gone") if is_gone else session.refusal(self, user)
 
-        place = self._context.places.of(f"at {self.address}" if user.anonymous else user.name)
-        turns = self._turns = Turns(place, refusal)
+        turns = self._turns = Turns(self._place_of(user), refusal)
         await turns.end(len(body))
         request = ServiceRequest(
             session,
@@ -482,6 +484,12 @@ class Processor:
             turns=turns,
         )
         return await service.handle(request, parameters)
+
+    def _place_of(self, user: User) -> TurnPlace:
+        """The place of the user for large requests."""
+        if self._place is None or self._place[0] is not user:
+            self._place = user, self._context.places.of(f"at {self.address}" if user.anonymous else user.name)
+        return self._place[1]
 
     async def _create(self, head: RequestHead, parameters: Any, server: tuple[str, int] | None) -> Any:
         channel, tell = self._channel, self._services.events.session_created
@@ -514,7 +522,7 @@ class Processor:
         self._advance(Stage.AUTHENTICATED)
         return response
 
-    def _session(self, token: ua.NodeId | None) -> Session:
+    def _session(self, token: bytes | None) -> Session:
         """The session of a request; its token is good on its own connection alone."""
         session = self._services.sessions.find(token)
         if session is None:

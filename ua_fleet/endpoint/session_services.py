@@ -143,7 +143,7 @@ class SessionServices:
             raise Refusal(StatusCodes.BadSecurityChecksFailed, str(error)) from error
 
     async def activate(
-        self, link: SessionConnection, channel: Channel, token: ua.NodeId, params: ua.ActivateSessionParameters
+        self, link: SessionConnection, channel: Channel, token: bytes | None, params: ua.ActivateSessionParameters
     ) -> tuple[Session, Any]:
         """ActivateSession: everything is checked first, then the session is bound; a refusal changes nothing."""
         session = self._sessions.find(token)

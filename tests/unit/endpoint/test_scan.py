@@ -197,7 +197,7 @@ def test_an_additional_header_is_passed_and_not_decoded() -> None:
     for additional in (b"\0\0\0", b"\1\0\x75\x03\1" + length(len(bomb)) + bomb, b"\0\0\2" + length(3) + b"<a>"):
         body = Buffer(_head(additional) + b"parameters")
         head = decode_request_head(body)
-        assert (head.kind, head.token.Identifier, head.handle, head.timeout_hint_ms) == (430, b"abc", 7, 5)
+        assert (head.kind, head.token, head.handle, head.timeout_hint_ms) == (430, b"abc", 7, 5)
         assert bytes(body) == b"parameters"
 
 

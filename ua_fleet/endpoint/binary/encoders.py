@@ -9,7 +9,7 @@ fixed size are packed in one go. A test holds the bytes of generated structures 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 from enum import Enum, IntFlag
 from typing import Any, Final
@@ -35,9 +35,16 @@ from ua_fleet.endpoint.binary.builtin import (
 from ua_fleet.endpoint.binary.data_values import encode_data_value
 from ua_fleet.endpoint.scan import FieldPart, steps_of
 
-__all__ = ["encode", "encode_extension_object"]
+__all__ = ["EncodedArray", "encode", "encode_array", "encode_extension_object"]
 
 _Encoder = Callable[[Any], bytes]
+
+
+class EncodedArray(bytes):
+    """An array of a structure as bytes, which stands in the structure in place of its elements."""
+
+    __slots__ = ()
+
 
 _LENGTH: Final = struct.Struct("<i")
 _NULL: Final = b"\xff\xff\xff\xff"
@@ -49,6 +56,11 @@ def encode(structure: Any) -> bytes:
     if encoder is None:
         encoder = _encoder_of(type(structure))
     return encoder(structure)
+
+
+def encode_array(structures: Sequence[Any]) -> EncodedArray:
+    """An array of structures."""
+    return EncodedArray(_LENGTH.pack(len(structures)) + b"".join(map(encode, structures)))
 
 
 def encode_extension_object(structure: Any) -> bytes:
@@ -152,6 +164,8 @@ def _list_of(one: _Encoder) -> _Encoder:
     def encode_list(values: Any) -> bytes:
         if values is None:
             return _NULL
+        if type(values) is EncodedArray:
+            return values
         return _LENGTH.pack(len(values)) + b"".join([one(value) for value in values])
 
     return encode_list

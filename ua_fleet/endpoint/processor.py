@@ -26,6 +26,7 @@ from cryptography.x509 import Certificate
 from ua_fleet.endpoint.admission import Progress
 from ua_fleet.endpoint.audit import Caller
 from ua_fleet.endpoint.audit_events import Who
+from ua_fleet.endpoint.binary.session_requests import decode_session_request
 from ua_fleet.endpoint.channel import Channel
 from ua_fleet.endpoint.charges import REFUSED_LOGIN_S, Charge
 from ua_fleet.endpoint.connection import FrameError, TcpConnection
@@ -534,6 +535,8 @@ class Processor:
 
 async def _decode_early(parameters: Any, body: Buffer) -> Any:
     """The parameters of a request that needs no active session."""
+    if (plain := decode_session_request(parameters, bytes(body))) is not None:
+        return plain
     return await decode_parameters(
         parameters, body, most_operations=OPERATIONS_BEFORE_SESSION, most_memory=BYTES_BEFORE_SESSION
     )

@@ -37,6 +37,8 @@ __all__ = ["NONE_URI", "CheckedConnection", "Message", "der"]
 
 NONE_URI: Final = SecurityPolicyNone.URI
 _NO_SECURITY: Final[Any] = SecurityPolicyNone
+_TAKEN: Final = (LAST, b"CLOF")
+"""Messages, and CloseSecureChannel, of one chunk."""
 _MOST_RENEWED: Final = 4
 """Tokens that may wait for their first message; a client has two at most that it could use."""
 
@@ -124,7 +126,7 @@ class CheckedConnection(SecureConnection):
         kind, _, channel_id, token_id = HEAD.unpack_from(frame)
         token: Any = self.security_token
         if (
-            kind != LAST
+            kind not in _TAKEN
             or token_id != token.TokenId
             or channel_id != token.ChannelId
             or self._incoming_parts

@@ -48,6 +48,7 @@ class EncodedArray(bytes):
 
 _LENGTH: Final = struct.Struct("<i")
 _NULL: Final = b"\xff\xff\xff\xff"
+_NO_OBJECT: Final = b"\x00\x00\x00"
 
 
 def encode(structure: Any) -> bytes:
@@ -65,6 +66,10 @@ def encode_array(structures: Sequence[Any]) -> EncodedArray:
 
 def encode_extension_object(structure: Any) -> bytes:
     """An ExtensionObject, or a structure in one."""
+    if type(structure) is ua.ExtensionObject and structure.Body is None:
+        head = encode_node_id(structure.TypeId) + b"\x00"
+        if head == _NO_OBJECT:
+            return head
     type_id = ua.typeid_by_extension_objects.get(type(structure)) if structure is not None else None
     if type_id is None or isinstance(structure, ua.ExtensionObject):
         data: bytes = extensionobject_to_binary(structure)

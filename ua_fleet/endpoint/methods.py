@@ -12,6 +12,7 @@ from __future__ import annotations
 import asyncio
 import contextvars
 import inspect
+import struct
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -53,6 +54,8 @@ _HAS_TYPE = ns0(ObjectIds.HasTypeDefinition)
 _HAS_PROPERTY = ns0(ObjectIds.HasProperty)
 
 
+_RESULT = struct.Struct("<II")
+"""StatusCode, and number of InputArgumentResults, of a CallMethodResult."""
 _MOST_ASIDE = 16
 """Calls of one session that wait for others."""
 
@@ -106,7 +109,8 @@ class MethodServices:
         answer = ArrayResponse(ua.CallResponse, self._limits.response_bytes)
         for wanted in calls:
             await self.add(request, wanted, answer)
-            await request.turns.end(answer.size)
+            if request.turns.is_due(answer.size):
+                await request.turns.end(answer.size)
         return answer
 
     def waits(self, method_id: ua.NodeId) -> bool:
@@ -134,12 +138,15 @@ class MethodServices:
         except Refusal as error:
             found = error
         result, reason = await self._call(request, wanted, found)
-        answer.add(
-            result,
-            lambda code: ua.CallMethodResult(StatusCode=status(code)),
-            self._context.misfit,
-            partial(shown, wanted.MethodId),
-        )
+        if (plain := _plain_bytes(result)) is not None and len(plain) <= answer.left:
+            answer.add_bytes(plain)
+        else:
+            answer.add(
+                result,
+                lambda code: ua.CallMethodResult(StatusCode=status(code)),
+                self._context.misfit,
+                partial(shown, wanted.MethodId),
+            )
         if request.wants_reasons:
             answer.explain(reason)
         self._context.statistics.calls += 1
@@ -200,7 +207,7 @@ class MethodServices:
             # Who calls too often shall not fill the log either.
             audit.refuse(request.caller, "call", name_of(code), **what)
         else:
-            audit.record("call", request.caller, name_of(code), **what)
+            audit.record("call", request.caller, name_of(code) if code else "Good", **what)
 
     async def _call(
         self, request: ServiceRequest, wanted: ua.CallMethodRequest, found: FoundMethod | Refusal
@@ -353,6 +360,16 @@ class MethodServices:
 
 def _components(node: NodeData) -> Iterator[ua.ReferenceDescription]:
     return (ref for ref in node.references if ref.IsForward and ref.ReferenceTypeId == _HAS_COMPONENT)
+
+
+def _plain_bytes(result: Any) -> bytes | None:
+    """A result without outputs, whose arguments are right, as bytes; None for any other one."""
+    arguments = result.InputArgumentResults
+    if result.OutputArguments != [] or result.InputArgumentDiagnosticInfos != [] or not isinstance(arguments, list):
+        return None
+    if any(each is not GOOD for each in arguments):
+        return None
+    return _RESULT.pack(result.StatusCode.value, len(arguments)) + bytes(4 * len(arguments) + 8)
 
 
 def _flag(found: FoundMethod, attribute: AttributeIds) -> bool:

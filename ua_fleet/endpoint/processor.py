@@ -254,10 +254,11 @@ class Processor:
         except FrameError as error:
             self._tell_opened(error.code)
             raise
-        self._flush()
-        self._tell_opened(0)
-        if self._channel.is_open:
-            self._advance(Stage.OPENED)
+        if message is None:
+            self._flush()
+            self._tell_opened(0)
+            if self._channel.is_open:
+                self._advance(Stage.OPENED)
         if message is not None and self._channel.secured and not self._is_proved:
             # An OpenSecureChannel can be sent again by anybody; the first message under its keys cannot.
             self._is_proved = True
@@ -459,7 +460,8 @@ class Processor:
             return Refusal(_GONE, "the client has gone") if is_gone else session.refusal(self, user)
 
         turns = self._turns = Turns(self._place_of(user), refusal)
-        await turns.end(len(body))
+        if turns.is_due(len(body)):
+            await turns.end(len(body))
         request = ServiceRequest(
             session,
             user,

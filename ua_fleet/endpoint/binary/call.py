@@ -105,7 +105,8 @@ class CallPlan:
         for target, wanted in decoded:
             is_known = target is not None and removed == self._targets.removed and target.is_as_it_was
             await self._methods.add(request, wanted, answer, target.found if target is not None and is_known else None)
-            await turns.end(answer.size)
+            if turns.is_due(answer.size):
+                await turns.end(answer.size)
         return answer
 
     def _decoded(self, scan: Scan) -> _Operation:

@@ -26,7 +26,6 @@ from ua_fleet.endpoint.decoding import decode_operation, operations_of
 from ua_fleet.endpoint.request import ServiceRequest
 from ua_fleet.endpoint.scan import Scan, step_of
 from ua_fleet.endpoint.stack import DECODE_ERRORS, AttributeIds
-from ua_fleet.endpoint.turns import LARGE_BYTES, Turns
 
 __all__ = ["ReadPlan"]
 
@@ -92,7 +91,7 @@ class ReadPlan:
         answer = ArrayResponse(ua.ReadResponse, limits.response_bytes)
         while count:
             count -= self._some(request, _TIMES[times], scan, answer, min(count, _AT_ONCE))
-            if _is_over(turns, answer):
+            if turns.is_due(answer.size):
                 await turns.end(answer.size)
         return answer
 
@@ -112,7 +111,7 @@ class ReadPlan:
                 self._remember(data[position:end], wanted)
             position = scan.position
             self._read_one(request, wanted, times, answer)
-            if _is_over(request.turns, answer):
+            if request.turns.is_due(answer.size):
                 scan.position = position
                 return number + 1
         scan.position = position
@@ -130,10 +129,6 @@ class ReadPlan:
         if not isinstance(held, HeldValue):
             held.encoded = None  # as ours have it
         self._targets.known()[key] = _Target(held, Access(*access) if access else None)
-
-
-def _is_over(turns: Turns, answer: ArrayResponse) -> bool:
-    return turns.over or (answer.size > LARGE_BYTES and not turns.is_large)
 
 
 def _add(target: _Target, times: Any, answer: ArrayResponse) -> bool:

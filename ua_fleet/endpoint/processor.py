@@ -10,9 +10,8 @@ all others get Bad_ServiceUnsupported.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import IntEnum
 from typing import Any, NoReturn
@@ -268,19 +267,13 @@ class Processor:
             await self._serve(message)
         return True
 
-    @contextlib.contextmanager
-    def _charged(self, stranger: bool = True) -> Generator[None]:
+    def _charged(self, stranger: bool = True) -> _Charged:
         """What is computed meanwhile, without waiting, is owed until a user logs in."""
-        began = own_time()
-        try:
-            yield
-        finally:
-            if stranger:
-                self._charge.spend(own_time() - began, time.monotonic())
+        return _Charged(self._charge if stranger else None)
 
     def _tell_opened(self, code: int) -> None:
         """Tell engineers of an OpenSecureChannel, if there was one."""
-        if (asked := self._channel.take_opened()) is not None:
+        if (asked := self._channel.take_opened()) is not None and self._services.events.wanted:
             opened = replace(asked, channel_id=self._channel.channel_id)
             self._services.events.channel(Who(self._caller()), opened, code)
 
@@ -533,6 +526,23 @@ class Processor:
         if session.link is not self:
             raise Refusal(StatusCodes.BadSecureChannelIdInvalid, "the session of another channel")
         return session
+
+
+class _Charged:
+    """A context: what is computed in it, without waiting, is spent."""
+
+    __slots__ = ("_began", "_charge")
+
+    def __init__(self, charge: Charge | None) -> None:
+        """Spend it of this charge; of none where nobody owes anything."""
+        self._charge, self._began = charge, 0.0
+
+    def __enter__(self) -> None:
+        self._began = own_time()
+
+    def __exit__(self, *_: object) -> None:
+        if self._charge is not None:
+            self._charge.spend(own_time() - self._began, time.monotonic())
 
 
 async def _decode_early(parameters: Any, body: Buffer) -> Any:

@@ -219,6 +219,8 @@ class TrustList:
 
         A connection has its certificate looked at three times, and many clients come again.
         """
+        self._uris: dict[bytes, list[str]] = {}
+        """What certificates say that they are of, by fingerprint."""
         rejected = folder / CertificateState.REJECTED
         self._rejected = RejectedCertificates(rejected)
         folders = (self._trusted, self._bridges, self.gateways, self._issuers)
@@ -281,7 +283,14 @@ class TrustList:
 
     def check_uri(self, certificate: x509.Certificate, application_uri: str) -> None:
         """Raise CertificateRefused unless the certificate is that of the application (OPC 10000-4 6.1.3)."""
-        if application_uri not in application_uris(certificate):
+        mark = certificate.fingerprint(hashes.SHA256())
+        known = self._uris.get(mark)
+        if known is None:
+            known = application_uris(certificate)
+            if len(self._uris) >= _MOST_ASKED:
+                self._uris.clear()
+            self._uris[mark] = known
+        if application_uri not in known:
             raise CertificateRefused(URI_INVALID, f"the certificate is not that of {application_uri[:100]!r}")
 
     def reject(self, certificate: x509.Certificate, address: str) -> None:

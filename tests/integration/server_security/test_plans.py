@@ -333,10 +333,8 @@ async def test_a_call_of_what_has_changed_since_is_done_as_it_is_now(tmp_path: P
         space, nodes, server = hardened.server.iserver.aspace, hardened.nodes, hardened.server
         objects, add = client.nodes.objects, nodes.methods["add"]
         assert [await objects.call_method(add, number, 1) for number in (1, 2, 3)] == [2, 3, 4]
-        children = await server.get_node(add).get_properties()
-        names = [(await child.read_browse_name()).Name for child in children]
-        inputs = children[names.index("InputArguments")].nodeid
-        held = space[inputs].attributes[ua.AttributeIds.Value]
+        inputs: Any = await server.get_node(add).get_child("0:InputArguments")
+        held: Any = space[inputs.nodeid].attributes[ua.AttributeIds.Value]
         before = held.value
         held.value = ua.DataValue(ua.Variant(before.Value.Value[:1]))
         with pytest.raises(ua.UaStatusCodeError, match="BadTooManyArguments"):

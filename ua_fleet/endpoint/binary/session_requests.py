@@ -105,19 +105,17 @@ class _Reader:
 
 
 def _create_session(read: _Reader) -> Any:
-    description: Any = ua.ApplicationDescription(
-        read.text(),
-        read.text(),
-        read.localized_text(),
-        ua.ApplicationType(read.number()),
-        read.text(),
-        read.text(),
-        read.texts(),
-    )
-    texts: list[Any] = [read.text() for _ in range(3)]
-    nonce, certificate = read.opaque(), read.opaque()
-    timeout, size = read.unpack(_TIMEOUT_AND_SIZE)
-    return ua.CreateSessionParameters(description, *texts, nonce, certificate, timeout, size)
+    made: Any = ua.CreateSessionParameters()
+    client: Any = made.ClientDescription
+    client.ApplicationUri, client.ProductUri = read.text(), read.text()
+    client.ApplicationName = read.localized_text()
+    client.ApplicationType = ua.ApplicationType(read.number())
+    client.GatewayServerUri, client.DiscoveryProfileUri = read.text(), read.text()
+    client.DiscoveryUrls = read.texts()
+    made.ServerUri, made.EndpointUrl, made.SessionName = read.text(), read.text(), read.text()
+    made.ClientNonce, made.ClientCertificate = read.opaque(), read.opaque()
+    made.RequestedSessionTimeout, made.MaxResponseMessageSize = read.unpack(_TIMEOUT_AND_SIZE)
+    return made
 
 
 def _activate_session(read: _Reader) -> Any:

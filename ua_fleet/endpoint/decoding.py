@@ -53,6 +53,8 @@ _HELLO: Final = struct.Struct("<5I")
 _TIME_HANDLE_DIAGNOSTICS: Final = struct.Struct("<qII")
 _COMMON_HEAD: Final = struct.Struct("<BBHBHi32sqIIiI3s")
 """Type, token and header of a request as most are: with a session, no AuditEntryId and no AdditionalHeader."""
+_EARLY_HEAD: Final = struct.Struct("<BBHBBqIIiI3s")
+"""The same without a session."""
 _OPEN_SECURE_CHANNEL: Final = 446
 """Id of OpenSecureChannelRequest's encoding."""
 
@@ -144,6 +146,13 @@ def decode_request_head(body: Buffer) -> RequestHead:
         if (form, namespace, token_form, size, entry, header) == (1, 0, 5, 32, -1, b"\0\0\0"):
             body.skip(_COMMON_HEAD.size)
             return RequestHead(kind, token, handle, hint, "", diagnostics)
+    if len(data) >= _EARLY_HEAD.size:
+        form, namespace, kind, token_form, token_id, _, handle, diagnostics, entry, hint, header = (
+            _EARLY_HEAD.unpack_from(data)
+        )
+        if (form, namespace, token_form, token_id, entry, header) == (1, 0, 0, 0, -1, b"\0\0\0"):
+            body.skip(_EARLY_HEAD.size)
+            return RequestHead(kind, None, handle, hint, "", diagnostics)
     cursor = Cursor(data)
     head = _decode_head(cursor)
     body.skip(cursor.position)

@@ -188,8 +188,10 @@ class CheckedConnection(SecureConnection):
             if mode not in (None, ua.MessageSecurityMode.None_):
                 raise FrameError(StatusCodes.BadSecurityModeRejected, f"mode {mode} without a policy")
             # Without an endpoint for it the channel serves discovery alone (OPC 10000-4 5.5.2).
-            self.security_policy = matching.create(None) if matching else _NO_SECURITY()
-            self.chain, self._looked = [], None
+            if mode is None or self._looked is None or self._looked[0] is not matching:
+                self.security_policy = matching.create(None) if matching else _NO_SECURITY()
+                self._looked = None if matching is None else (matching, None)
+            self.chain = []
             return
         if matching is None:
             raise FrameError(StatusCodes.BadSecurityPolicyRejected, f"policy {uri!r:.100}, mode {mode}")

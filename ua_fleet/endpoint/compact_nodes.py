@@ -73,7 +73,7 @@ class ExpectantNode(NodeData):
         """Its references as far as they are made."""
 
     @property
-    def references(self) -> list[ua.ReferenceDescription]:
+    def references(self) -> list[ua.ReferenceDescription]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Its references; what waits is made now."""
         self._make()
         return self.made_references

@@ -105,7 +105,7 @@ class _Nodes(dict[ua.NodeId, Any]):
 
     removed = 0
     """How many have been removed: what somebody knows of nodes is good until there is one more."""
-    make: Callable[[ua.NodeId], None] = staticmethod(lambda _node_id: None)
+    make: Callable[[ua.NodeId], None] | None = None
     """Makes a node, if it is one that waits for being wanted."""
 
     def __setitem__(self, key: ua.NodeId, node: Any) -> None:
@@ -133,9 +133,10 @@ class _Nodes(dict[ua.NodeId, Any]):
             made = self._made_below(key, text)
             if made is not None:
                 return made
-        self.make(key)
-        if (made := super().get(key)) is not None:
-            return made
+        if self.make is not None:
+            self.make(key)
+            if (made := super().get(key)) is not None:
+                return made
         raise KeyError(key)
 
     def _made_below(self, key: ua.NodeId, text: str) -> Any:

@@ -61,19 +61,20 @@ class NodeKind(dict[AttributeIds, HeldValue]):
     __slots__ = ("__weakref__",)
 
 
-class ExpectantNode(NodeData):
-    """A node of asyncua's below which nodes come and go that are made when somebody wants its references."""
+class ExpectantNode:
+    """asyncua's NodeData of a node below which nodes come and go that are made when somebody wants its references."""
+
+    __slots__ = ("_make", "attributes", "call", "made_references", "nodeid")
 
     def __init__(self, node: NodeData, make: Callable[[], None]) -> None:
         """Take the place of a node; `make` makes what waits to be made."""
         self._make = make
-        super().__init__(node.nodeid)
-        self.attributes, self.call = node.attributes, node.call
+        self.nodeid, self.attributes, self.call = node.nodeid, node.attributes, node.call
         self.made_references = node.references
         """Its references as far as they are made."""
 
     @property
-    def references(self) -> list[ua.ReferenceDescription]:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def references(self) -> list[ua.ReferenceDescription]:
         """Its references; what waits is made now."""
         self._make()
         return self.made_references

@@ -60,7 +60,10 @@ class StrangersTime:
         """Whether nothing more is done for clients of this address that have no user."""
         for name in networks(address):
             debt = self._debts.get(name)
-            if debt is not None and debt.left(now) >= self._at_once_s * debt.times:
+            if debt is None:
+                continue
+            most = self._at_once_s * debt.times
+            if debt.seconds >= most and debt.left(now) >= most:
                 return True
         return False
 

@@ -100,10 +100,12 @@ test-teleoperation: setup-test
 test-carried: setup-test
 	@UA_FLEET_CARRIED_SEEDS=$(CARRIED) $(PYTHON) -m pytest tests/carried $(ARGS)
 
-# Decoded alone, and as a server hears them over MQTT. The usual run of the tests has a part of those of JSON.
+# Decoded alone, and as a server hears them over MQTT. The usual run of the tests has a part of those of JSON. And
+# 100,000 generated structures of OPC UA Binary, encoded by us and by asyncua.
 test-mutations: setup-test
 	@UA_FLEET_ALL_MUTATIONS=1 $(PYTHON) -m pytest --timeout=3600 tests/unit/wire/test_fuzz.py \
-		tests/unit/wire/json/test_fuzz.py tests/unit/transport/mqtt/test_hostile_json.py $(ARGS)
+		tests/unit/wire/json/test_fuzz.py tests/unit/transport/mqtt/test_hostile_json.py \
+		tests/unit/endpoint/test_binary.py $(ARGS)
 
 # Those with which README begins, made by the test that goes through the nine tasks in the page.
 picture: setup-test

@@ -8,6 +8,9 @@ touched. So no response grows beyond the budget in memory, however small the req
 
 from __future__ import annotations
 
+import functools
+import struct
+import time
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -18,6 +21,15 @@ from ua_fleet.endpoint.stack import DECODE_ERRORS, StatusCodes, status
 
 __all__ = ["ArrayResponse", "Misfit", "encode_value", "rough_bytes"]
 
+_COUNT: Final = struct.Struct("<I")
+_TIME_AND_HANDLE: Final = struct.Struct("<qI")
+"""Timestamp and RequestHandle of a ResponseHeader."""
+_TYPE_ID_BYTES: Final = 4
+"""Of the NodeId that a response begins with: all are in two bytes of the base namespace."""
+_BOTH_ARRAYS: Final = 8
+"""Bytes of two arrays without elements."""
+_UNIX_EPOCH_TICKS: Final = 116_444_736_000_000_000
+"""1970 in units of 100 ns since 1601 (OPC 10000-6 5.2.2.5)."""
 _NO_DIAGNOSTICS: Final = bytes(4)
 _ADDITIONAL_INFO: Final = b"\x10"
 """Which fields a DiagnosticInfo has."""
@@ -33,14 +45,14 @@ class ArrayResponse:
     """A response that ends in an array of results and one of DiagnosticInfos, as most do.
 
     Args:
-        response: asyncua's object of the response, with both arrays empty.
+        kind: asyncua's class of the response.
         room: bytes that the results may have together.
     """
 
-    __slots__ = ("_parts", "_reasons", "left", "response", "size")
+    __slots__ = ("_parts", "_reasons", "kind", "left", "size")
 
-    def __init__(self, response: Any, room: int) -> None:
-        self.response = response
+    def __init__(self, kind: Any, room: int) -> None:
+        self.kind = kind
         self.left = room
         """Bytes that are left for results; 0 after the first one that did not fit."""
         self.size = 0
@@ -90,11 +102,19 @@ class ArrayResponse:
         """Say the reason for the last result in its DiagnosticInfo; empty where there is none. For all, or for none."""
         self._reasons.append(reason)
 
-    def encode(self) -> bytes:
-        """The bytes of the response."""
-        data = encode(self.response)
-        count = len(self._parts).to_bytes(4, "little")
-        return b"".join((data[:-8], count, *self._parts, _diagnostics(self._reasons)))
+    def encode(self, handle: int) -> bytes:
+        """The bytes of the response to the request with this handle, as of now."""
+        type_id, rest = _around(self.kind)
+        head = _TIME_AND_HANDLE.pack(time.time_ns() // 100 + _UNIX_EPOCH_TICKS, handle)
+        parts = self._parts
+        return b"".join((type_id, head, rest, _COUNT.pack(len(parts)), *parts, _diagnostics(self._reasons)))
+
+
+@functools.cache
+def _around(kind: Any) -> tuple[bytes, bytes]:
+    """What stands before and behind Timestamp and RequestHandle in a good response of a class, up to its results."""
+    data = encode(kind())
+    return data[:_TYPE_ID_BYTES], data[_TYPE_ID_BYTES + _TIME_AND_HANDLE.size : -_BOTH_ARRAYS]
 
 
 def _diagnostics(reasons: list[str]) -> bytes:

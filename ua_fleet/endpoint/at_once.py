@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Generator
-from typing import Final
+import asyncio
+import types
+from collections.abc import Awaitable, Coroutine, Generator
+from typing import Any, Final, TypeVar
 
-__all__ = ["DONE", "Done", "do_at_once"]
+__all__ = ["DONE", "Done", "do_at_once", "within"]
+
+T = TypeVar("T")
 
 
 class Done:
@@ -31,3 +35,39 @@ def do_at_once(work: Awaitable[object]) -> None:
         return
     for _ in work.__await__():
         raise RuntimeError(f"{work!r} waits, where everything is done at once")
+
+
+async def within(seconds: float, work: Coroutine[Any, Any, T]) -> T:
+    """What a coroutine returns; a timer is set only for one that waits for something, which few do.
+
+    Raises:
+        TimeoutError: it waits for longer than that.
+    """
+    try:
+        waited = work.send(None)
+    except StopIteration as done:
+        result: T = done.value
+        return result
+    async with asyncio.timeout(seconds):
+        return await _rest(work, waited)
+
+
+@types.coroutine
+def _rest(work: Coroutine[Any, Any, T], waited: Any) -> Generator[Any, Any, T]:
+    """What is left of a coroutine that has begun, and waits."""
+    while True:
+        try:
+            given = yield waited
+        except GeneratorExit:
+            work.close()
+            raise
+        except BaseException as error:  # noqa: BLE001 - it is for the coroutine to see
+            thrown: BaseException | None = error
+            given = None
+        else:
+            thrown = None
+        try:
+            waited = work.send(given) if thrown is None else work.throw(thrown)
+        except StopIteration as done:
+            result: T = done.value
+            return result

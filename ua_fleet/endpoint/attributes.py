@@ -1,4 +1,4 @@
-"""Read and Write, by what AccessLevel and the user's role allow (OPC 10000-4 5.11)."""
+"""Read, by what AccessLevel and the user's role allow (OPC 10000-4 5.11.2)."""
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 # pyright: reportPrivateUsage=false
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from datetime import UTC, datetime
 from functools import partial
 from typing import Any, Final
 
@@ -15,16 +14,13 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
 from ua_fleet.endpoint.answers import ArrayResponse, rough_bytes
-from ua_fleet.endpoint.audit import summary
-from ua_fleet.endpoint.audit_events import AuditEvents
 from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.data_types import DataTypes
-from ua_fleet.endpoint.data_values import MOST_PICOSECONDS
-from ua_fleet.endpoint.indexrange import apply_range, parse_range, replace_range
+from ua_fleet.endpoint.indexrange import apply_range, parse_range
 from ua_fleet.endpoint.live import check_reader, reader_refused
 from ua_fleet.endpoint.monitoring import with_timestamps
 from ua_fleet.endpoint.request import ServiceRequest, operations
-from ua_fleet.endpoint.stack import GOOD, AttributeIds, Refusal, StatusCodes, name_of, shown, status, status_of
+from ua_fleet.endpoint.stack import AttributeIds, Refusal, StatusCodes, shown, status
 from ua_fleet.endpoint.users import Role, User
 
 __all__ = ["AttributeServices", "access_level", "readable_value"]
@@ -59,10 +55,10 @@ def readable_value(aspace: AddressSpace, node_id: ua.NodeId, attribute: Any) -> 
 
 
 class AttributeServices:
-    """OPC 10000-4 5.11."""
+    """OPC 10000-4 5.11.2; Write is in `writes`, HistoryRead in `history`."""
 
-    def __init__(self, context: EndpointContext, events: AuditEvents) -> None:
-        self._context, self._limits, self._events = context, context.limits, events
+    def __init__(self, context: EndpointContext) -> None:
+        self._context, self._limits = context, context.limits
         self._aspace = context.iserver.aspace
         self._types = DataTypes(self._aspace)
 
@@ -74,7 +70,7 @@ class AttributeServices:
         wanted = params.TimestampsToReturn
         if not isinstance(wanted, ua.TimestampsToReturn) or wanted == ua.TimestampsToReturn.Invalid:
             raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
-        answer = ArrayResponse(ua.ReadResponse(), self._limits.response_bytes)
+        answer = ArrayResponse(ua.ReadResponse, self._limits.response_bytes)
         for node in nodes:
             self.read_one(request, node, wanted, answer)
             await request.turns.end(answer.size)
@@ -139,109 +135,6 @@ class AttributeServices:
             raise Refusal(StatusCodes.BadDataEncodingInvalid)
         if encoding.Name != "Default Binary" or encoding.NamespaceIndex:
             raise Refusal(StatusCodes.BadDataEncodingUnsupported)
-
-    async def write(self, request: ServiceRequest, params: ua.WriteParameters) -> Any:
-        """Write: each value goes through the gate, and into the audit log."""
-        nodes = operations(params.NodesToWrite, self._limits.nodes_per_request)
-        response = ua.WriteResponse()
-        lines: list[dict[str, Any]] = []
-
-        def record() -> None:
-            self._context.statistics.writes += len(lines)
-            self._context.audit.record_all("write", request.caller, lines)
-            lines.clear()
-
-        try:
-            for node in nodes:
-                told = self._events.wanted
-                before = self._aspace.read_attribute_value(node.NodeId, AttributeIds.Value).Value if told else None
-                code = await self._write(request, node)
-                response.Results.append(status(code))
-                if told:
-                    self._events.written(request.who, node, before if code == 0 else None, code)
-                value = node.Value.Value if node.Value is not None else None
-                line = {"node": shown(node.NodeId), "value": summary(value.Value if value is not None else None)}
-                if node.AttributeId != AttributeIds.Value:
-                    line["attribute"] = str(node.AttributeId)
-                lines.append({**line, "status": name_of(code)})
-                if request.turns.over:
-                    record()  # the lines of ten thousand writes in one piece would be one long turn
-                    await request.turns.end()
-        finally:
-            # Also of a client who goes away in the middle of a request.
-            if self._context.gate is not None:
-                self._context.gate.request_done()
-            record()
-        return response
-
-    async def _write(self, request: ServiceRequest, wanted: ua.WriteValue) -> int:
-        """StatusCode of one write."""
-        node_id = wanted.NodeId
-        try:
-            self._check_write(request.user, wanted)
-            value = self._whole(wanted)
-            gate = self._context.gate
-            if gate is not None and (code := gate.check_write(node_id, value, request.user)):
-                return int(code)
-            now: Any = datetime.now(UTC)
-            # A DataValue is never changed afterwards, so it is a fresh one; without a time it is written now.
-            value = dataclasses.replace(
-                value,
-                StatusCode=value.StatusCode or GOOD,
-                SourceTimestamp=value.SourceTimestamp or now,
-                ServerTimestamp=value.ServerTimestamp or now,
-                SourcePicoseconds=_finer(value.SourceTimestamp, value.SourcePicoseconds),
-                ServerPicoseconds=_finer(value.ServerTimestamp, value.ServerPicoseconds),
-            )
-            result = await self._aspace.write_attribute_value(node_id, AttributeIds.Value, value)
-            if result.is_good() and gate is not None:
-                gate.written(node_id, value, request.user)
-            return int(result.value)
-        except Exception as error:  # noqa: BLE001 - what is no refusal is logged with its traceback
-            if (known := status_of(error)) is not None:
-                return known
-            # Whatever goes wrong behind the gate, the client's connection and its other writes go on.
-            self._context.mistakes.caught("writes", error, node=shown(node_id))
-            return int(StatusCodes.BadInternalError)
-
-    def _check_write(self, user: User, wanted: ua.WriteValue) -> None:
-        node = self._aspace.get(wanted.NodeId)
-        if node is None:
-            raise Refusal(StatusCodes.BadNodeIdUnknown)
-        if wanted.AttributeId not in node.attributes:
-            raise Refusal(StatusCodes.BadAttributeIdInvalid)
-        if wanted.AttributeId != AttributeIds.Value or not access_level(self._aspace, wanted.NodeId) & WRITE:
-            raise Refusal(StatusCodes.BadNotWritable)
-        if not user.role.covers(Role.OPERATOR):
-            raise Refusal(StatusCodes.BadUserAccessDenied)
-        given = wanted.Value
-        if given is None or given.Value is None or given.Value.Value is None:
-            raise Refusal(StatusCodes.BadTypeMismatch)
-        if given.StatusCode is not None and not given.StatusCode.is_good():
-            raise Refusal(StatusCodes.BadWriteNotSupported)
-
-    def _whole(self, wanted: ua.WriteValue) -> ua.DataValue:
-        """What the node shall have after a write: the value given, or its own with a part of it replaced."""
-        given: ua.DataValue = wanted.Value
-        index_range = parse_range(wanted.IndexRange)
-        before = self._aspace.read_attribute_value(wanted.NodeId, AttributeIds.Value).Value
-        variant = _as_bytes(given.Value, before)
-        if index_range is not None:
-            variant = replace_range(before, index_range, variant)
-        return given if variant is given.Value else dataclasses.replace(given, Value=variant)
-
-
-def _as_bytes(given: Any, before: ua.Variant | None) -> Any:
-    """A ByteString for an array of Byte is such an array (OPC 10000-4 5.11.4.2)."""
-    is_bytes = given.VariantType == ua.VariantType.ByteString and isinstance(given.Value, bytes)
-    if is_bytes and before is not None and before.VariantType == ua.VariantType.Byte and isinstance(before.Value, list):
-        return ua.Variant(list(given.Value), ua.VariantType.Byte, is_array=True)
-    return given
-
-
-def _finer(time: Any, picoseconds: Any) -> Any:
-    """The picoseconds of a time that a client gives; without a time they say nothing."""
-    return None if time is None or picoseconds is None else min(picoseconds, MOST_PICOSECONDS)
 
 
 def _no_value(code: int) -> ua.DataValue:

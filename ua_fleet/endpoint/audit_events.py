@@ -101,6 +101,8 @@ class AuditEvents:
 
     def channel(self, who: Who, opened: ChannelOpened, code: int = 0) -> None:
         """OpenSecureChannel (6.4.6)."""
+        if not self.wanted:
+            return
         thumbprint = hashlib.sha1(opened.certificate).hexdigest() if opened.certificate else ""  # noqa: S324 - its name
         request_type = ua.SecurityTokenRequestType.Renew if opened.renewal else ua.SecurityTokenRequestType.Issue
         self._emit(
@@ -130,6 +132,8 @@ class AuditEvents:
         self, who: Who, channel_id: int, certificate: bytes, session: Session | None, code: int = 0
     ) -> None:
         """CreateSession (6.4.8); without a session it was refused."""
+        if not self.wanted:
+            return
         thumbprint = hashlib.sha1(certificate).hexdigest() if certificate else ""  # noqa: S324 - its name
         self._emit(
             ObjectIds.AuditCreateSessionEventType,
@@ -148,6 +152,8 @@ class AuditEvents:
 
     def session_activated(self, who: Who, channel_id: int, token: Any, session: Session | None, code: int = 0) -> None:
         """ActivateSession (6.4.10). The password is left out."""
+        if not self.wanted:
+            return
         shown_token, user = _without_secret(token)
         self._emit(
             ObjectIds.AuditActivateSessionEventType,
@@ -165,6 +171,8 @@ class AuditEvents:
 
     def session_ended(self, who: Who, session: Session, cause: str) -> None:
         """A session is over (6.4.7): `CloseSession`, `Timeout` or `Terminated`."""
+        if not self.wanted:
+            return
         self._emit(ObjectIds.AuditSessionEventType, f"Session/{cause}", who, 0, fields=[_session_id(session)])
 
     def written(self, who: Who, wanted: ua.WriteValue, old: ua.Variant | None, code: int) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 from asyncua import ua
 from asyncua.common.connection import TransportLimits
@@ -169,7 +169,7 @@ class Channel:
 
     def receive(self, frame: bytes) -> Message | None:
         """A whole request, or None; raises FrameError or CertificateRefused, then the connection ends."""
-        if self._secure.is_open() and (taken := self._secure.take(frame)) is not None:
+        if (taken := self._take(frame)) is not None:
             return taken
         buffer = Buffer(frame)
         try:
@@ -191,8 +191,7 @@ class Channel:
             if message is None:
                 return None
             if header.MessageType == _CLOSE:
-                self._secure.close()
-                raise FrameError(0, "closed by the client")
+                self._close()
             if header.MessageType == _OPEN:
                 self._open(message)
                 return None
@@ -206,6 +205,17 @@ class Channel:
             code = StatusCodes.BadSecurityChecksFailed if self._hello else StatusCodes.BadDecodingError
             raise FrameError(code, f"{type(error).__name__}: {error!s:.100}") from error
         return Message(int(message.SequenceHeader().RequestId), bytes(message.body()))
+
+    def _take(self, frame: bytes) -> Message | None:
+        """The message of a frame under the channel's keys; None for any other frame."""
+        taken = self._secure.take(frame) if self._secure.is_open() else None
+        if taken is not None and frame.startswith(_CLOSE):
+            self._close()
+        return taken
+
+    def _close(self) -> NoReturn:
+        self._secure.close()
+        raise FrameError(0, "closed by the client")
 
     def _receive_hello(self, hello: Hello) -> None:
         if self._hello:
@@ -287,8 +297,7 @@ class Channel:
     def encode(self, response: Any, handle: int) -> bytes:
         """The bytes of a response; raises OverflowError when it is longer than the client takes."""
         if isinstance(response, ArrayResponse):
-            response.response.ResponseHeader.RequestHandle = handle
-            data = response.encode()
+            data = response.encode(handle)
         else:
             response.ResponseHeader.RequestHandle = handle
             data = encode(response)

@@ -12,9 +12,10 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from asyncua import ua
+from asyncua.server.address_space import NodeData
 from asyncua.ua.attribute_ids import AttributeIds
 
-__all__ = ["BuiltNode", "HeldValue", "NodeKind", "Shared"]
+__all__ = ["BuiltNode", "ExpectantNode", "HeldValue", "NodeKind", "Shared"]
 
 
 class HeldValue:
@@ -42,6 +43,11 @@ class HeldValue:
         """Whether anybody is told of a change."""
         return bool(self._watchers)
 
+    @property
+    def is_watched_by_several(self) -> bool:
+        """Whether more than one is told of a change."""
+        return self._watchers is not None and len(self._watchers) > 1
+
 
 class Shared(HeldValue):
     """The value of an attribute that several nodes have, for as long as one of them is there."""
@@ -53,6 +59,29 @@ class NodeKind(dict[AttributeIds, HeldValue]):
     """The attributes that the nodes of a kind have in common, for as long as one of them is there."""
 
     __slots__ = ("__weakref__",)
+
+
+class ExpectantNode:
+    """asyncua's NodeData of a node below which nodes come and go that are made when somebody wants its references."""
+
+    __slots__ = ("_make", "attributes", "call", "made_references", "nodeid")
+
+    def __init__(self, node: NodeData, make: Callable[[], None]) -> None:
+        """Take the place of a node; `make` makes what waits to be made."""
+        self._make = make
+        self.nodeid, self.attributes, self.call = node.nodeid, node.attributes, node.call
+        self.made_references = node.references
+        """Its references as far as they are made."""
+
+    @property
+    def references(self) -> list[ua.ReferenceDescription]:
+        """Its references; what waits is made now."""
+        self._make()
+        return self.made_references
+
+    @references.setter
+    def references(self, references: list[ua.ReferenceDescription]) -> None:
+        self.made_references = references
 
 
 class BuiltNode(Mapping[AttributeIds, HeldValue]):

@@ -179,7 +179,8 @@ class TcpConnection(asyncio.BufferedProtocol):
             while (frame := await self._next_frame(handler)) is not None:
                 if not await handler.process(frame):
                     break
-                await self.taken()
+                if not self._writable.is_set():
+                    await self.taken()
                 if time.monotonic() - turn > _TURN_S:
                     # A client with a buffer full of requests lets the others have their turn.
                     await asyncio.sleep(0)

@@ -8,15 +8,16 @@ import contextlib
 import struct
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from asyncua.common.utils import Buffer
 from asyncua.ua.ua_binary import from_binary
 
 from ua_fleet.endpoint.binary.decoders import PLAIN, decode_plain
 from ua_fleet.endpoint.data_values import in_asyncuas_order
-from ua_fleet.endpoint.scan import Scan, steps_of
-from ua_fleet.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes, opaque_id
+from ua_fleet.endpoint.limits import EndpointLimits
+from ua_fleet.endpoint.scan import Scan, TypeStep, steps_of
+from ua_fleet.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes
 from ua_fleet.endpoint.turns import Turns
 from ua_fleet.wire.builtin import decode_byte_string, decode_node_id, decode_string
 from ua_fleet.wire.cursor import Cursor
@@ -33,6 +34,8 @@ __all__ = [
     "decode_operation",
     "decode_parameters",
     "decode_request_head",
+    "operations_of",
+    "share_of",
 ]
 
 BYTES_BEFORE_SESSION: Final = 1024 * 1024
@@ -50,6 +53,8 @@ _HELLO: Final = struct.Struct("<5I")
 _TIME_HANDLE_DIAGNOSTICS: Final = struct.Struct("<qII")
 _COMMON_HEAD: Final = struct.Struct("<BBHBHi32sqIIiI3s")
 """Type, token and header of a request as most are: with a session, no AuditEntryId and no AdditionalHeader."""
+_EARLY_HEAD: Final = struct.Struct("<BBHBBqIIiI3s")
+"""The same without a session."""
 _OPEN_SECURE_CHANNEL: Final = 446
 """Id of OpenSecureChannelRequest's encoding."""
 
@@ -64,14 +69,13 @@ class Hello:
     max_chunks: int
 
 
-@dataclass(frozen=True, slots=True)
-class RequestHead:
+class RequestHead(NamedTuple):
     """Type and RequestHeader of a request (OPC 10000-4 7.33)."""
 
     kind: int
     """Identifier of the request's encoding in the base namespace, -1 for another one."""
-    token: Any
-    """AuthenticationToken as a NodeId of bytes; None for one that no session of this server can have."""
+    token: bytes | None
+    """Opaque identifier of the AuthenticationToken; None for one that no session of this server can have."""
     handle: int
     timeout_hint_ms: int
     audit_entry: str = ""
@@ -141,7 +145,14 @@ def decode_request_head(body: Buffer) -> RequestHead:
         )
         if (form, namespace, token_form, size, entry, header) == (1, 0, 5, 32, -1, b"\0\0\0"):
             body.skip(_COMMON_HEAD.size)
-            return RequestHead(kind, opaque_id(token), handle, hint, "", diagnostics)
+            return RequestHead(kind, token, handle, hint, "", diagnostics)
+    if len(data) >= _EARLY_HEAD.size:
+        form, namespace, kind, token_form, token_id, _, handle, diagnostics, entry, hint, header = (
+            _EARLY_HEAD.unpack_from(data)
+        )
+        if (form, namespace, token_form, token_id, entry, header) == (1, 0, 0, 0, -1, b"\0\0\0"):
+            body.skip(_EARLY_HEAD.size)
+            return RequestHead(kind, None, handle, hint, "", diagnostics)
     cursor = Cursor(data)
     head = _decode_head(cursor)
     body.skip(cursor.position)
@@ -161,8 +172,34 @@ def _decode_head(cursor: Cursor) -> RequestHead:
     if encoding:
         cursor.take(cursor.length(1) or 0)
     kind = identifier if namespace == 0 and isinstance(identifier, int) else -1
-    token_id = opaque_id(token) if isinstance(token, bytes) else None
-    return RequestHead(kind, token_id, handle, timeout_hint, audit_entry, diagnostics)
+    opaque = token if isinstance(token, bytes) else None
+    return RequestHead(kind, opaque, handle, timeout_hint, audit_entry, diagnostics)
+
+
+def share_of(memory: int) -> int:
+    """Of the memory for a request, what structures and texts of one operation may take."""
+    return memory // _SHARE
+
+
+def operations_of(
+    data: bytes, position: int, count: int, step: TypeStep, limits: EndpointLimits, *, around: int = 0
+) -> Scan | None:
+    """A scan that stands where so many operations of a request begin.
+
+    None where it is refused as a whole, by those who say why: there are none, or more than limits or bytes allow.
+
+    Args:
+        data: the whole request.
+        position: where they begin.
+        count: how many there are, as the request says.
+        step: how one is walked.
+        limits: of the endpoint.
+        around: bytes of memory that the other parameters take.
+    """
+    memory = limits.request_memory_bytes
+    if not 0 < count <= limits.nodes_per_request or count * step.least > len(data) - position:
+        return None
+    return Scan(data, position, len(data), memory) if count * step.memory + around <= memory else None
 
 
 async def decode_parameters(
@@ -182,7 +219,7 @@ async def decode_parameters(
     """
     data = bytes(body)
     scan = Scan(data, 0, len(data), most_memory)
-    share = most_memory // _SHARE if turns is not None else most_memory
+    share = share_of(most_memory) if turns is not None else most_memory
     rest = Buffer(data)
     values: dict[str, Any] = {}
     for part in steps_of(structure):

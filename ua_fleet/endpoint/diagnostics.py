@@ -91,6 +91,9 @@ class Diagnostics:
         self._space, self._context = space, context
         self._sessions, self._subscriptions = sessions, subscriptions
         self._nodes = DiagnosticNodes(space)
+        self._waiting: dict[str, Session] = {}
+        """Sessions whose nodes nobody has wanted yet: most end before that."""
+        self._made = set[str]()
 
     def build(self) -> None:
         """Give the standard's nodes their values."""
@@ -106,6 +109,9 @@ class Diagnostics:
             ("SessionSecurityDiagnosticsArray", _encoded_security, _security),
         ):
             self._set(f"{_SESSIONS}_{name}", _Kept(partial(self._each, make), members), structure, guard)
+        above = [_SESSIONS, f"{_SESSIONS}_SessionDiagnosticsArray", f"{_SESSIONS}_SessionSecurityDiagnosticsArray"]
+        parents = [ns0(getattr(ObjectIds, name)) for name in above]
+        self._nodes.builder.make_when_wanted(parents, self._make_all, self._make_one)
 
     def _set(self, name: str, compute: Callable[[], Any], variant_type: Any, guard: Guard | None = None) -> None:
         node_id = ns0(getattr(ObjectIds, name))
@@ -157,10 +163,28 @@ class Diagnostics:
         return [make(session) for session in self._sessions if session.active]
 
     def add(self, session: Session) -> None:
-        """Make the nodes of a session that is active now; those that it has are left alone."""
-        if session.session_id in self._space:
-            return
+        """A session is active now: its nodes are made when somebody wants them. Those that it has are left alone."""
+        if session.key not in self._made:
+            self._waiting[session.key] = session
 
+    def _make_all(self) -> None:
+        """Make the nodes of all sessions that wait for that."""
+        while self._waiting:
+            self._make(self._waiting.popitem()[1])
+
+    def _make_one(self, node_id: ua.NodeId) -> None:
+        """Make the nodes of the session that one of them is of."""
+        if node_id.NamespaceIndex == SERVER_NAMESPACE and self._waiting:
+            session = self._waiting.pop(str(node_id.Identifier).partition(".")[0], None)
+            if session is not None:
+                self._make(session)
+
+    def _make(self, session: Session) -> None:
+        self._made.add(session.key)
+        with self._context.mistakes.guard("diagnostics"):
+            self._build_session(session)
+
+    def _build_session(self, session: Session) -> None:
         def own(user: User, encrypted: bool) -> int:
             is_own = session.user is not None and user.name == session.user.name and not user.anonymous
             return 0 if is_own else _engineers(user, encrypted)
@@ -197,8 +221,11 @@ class Diagnostics:
         )
 
     async def remove(self, session: Session) -> None:
-        """Remove the nodes of a session that has ended."""
-        self._nodes.remove(session.key, session.session_id)
+        """Remove the nodes of a session that has ended, as far as they are made."""
+        self._waiting.pop(session.key, None)
+        if session.key in self._made:
+            self._made.remove(session.key)
+            self._nodes.remove(session.key, session.session_id)
 
     def _structure(
         self,

@@ -83,7 +83,7 @@ class HistoryServices:
         if not known or wanted in (ua.TimestampsToReturn.Invalid, ua.TimestampsToReturn.Neither):
             raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
         whole = request.session.room_for_one(self._limits.response_bytes)
-        answer = ArrayResponse(ua.HistoryReadResponse(), whole)
+        answer = ArrayResponse(ua.HistoryReadResponse, whole)
         for number, node in enumerate(nodes):
             if params.ReleaseContinuationPoints:
                 answer.add_small(_refused(0))  # nothing is kept for them

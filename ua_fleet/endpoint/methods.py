@@ -12,7 +12,9 @@ from __future__ import annotations
 import asyncio
 import contextvars
 import inspect
-from collections.abc import Callable, Iterator
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -21,6 +23,7 @@ from asyncua import ua
 from asyncua.server.address_space import NodeData
 
 from ua_fleet.endpoint.answers import ArrayResponse
+from ua_fleet.endpoint.at_once import within
 from ua_fleet.endpoint.audit import summary
 from ua_fleet.endpoint.audit_events import AuditEvents
 from ua_fleet.endpoint.context import EndpointContext
@@ -41,7 +44,7 @@ from ua_fleet.endpoint.stack import (
 )
 from ua_fleet.endpoint.users import current_user
 
-__all__ = ["MethodServices"]
+__all__ = ["FoundMethod", "MethodServices"]
 
 _log = structlog.get_logger("ua_fleet.server")
 
@@ -51,6 +54,8 @@ _HAS_TYPE = ns0(ObjectIds.HasTypeDefinition)
 _HAS_PROPERTY = ns0(ObjectIds.HasProperty)
 
 
+_RESULT = struct.Struct("<II")
+"""StatusCode, and number of InputArgumentResults, of a CallMethodResult."""
 _MOST_ASIDE = 16
 """Calls of one session that wait for others."""
 
@@ -61,6 +66,28 @@ class _WrongArguments(Refusal):
     def __init__(self, results: list[ua.StatusCode]) -> None:
         self.results = results
         super().__init__(StatusCodes.BadInvalidArgument)
+
+
+@dataclass(slots=True)
+class FoundMethod:
+    """The Method that a client means by an Object and a Method."""
+
+    method_id: ua.NodeId
+    """The Object's own, where the client has named that of its type."""
+    node: NodeData
+    declared: Sequence[Any]
+    """Its InputArguments."""
+    object_text: str
+    method_text: str
+    """Both as the client has named them, for the log."""
+    _call: Callable[..., Any] | None = None
+    _is_coroutine: bool = False
+
+    def is_coroutine(self, implementation: Callable[..., Any]) -> bool:
+        """Whether what implements it is a coroutine function."""
+        if self._call is not implementation:
+            self._call, self._is_coroutine = implementation, inspect.iscoroutinefunction(implementation)
+        return self._is_coroutine
 
 
 class MethodServices:
@@ -76,34 +103,65 @@ class MethodServices:
         """Call: one method after the other, each with a line in the audit log; None where it is answered later."""
         most = min(self._limits.calls_per_request, self._limits.nodes_per_request)
         calls = operations(params.MethodsToCall, most)
-        if len(calls) == 1 and calls[0].MethodId in self._context.waiting_methods:
+        if len(calls) == 1 and self.waits(calls[0].MethodId):
             self._put_aside(request, calls[0])
             return None
-        answer = ArrayResponse(ua.CallResponse(), self._limits.response_bytes)
+        answer = ArrayResponse(ua.CallResponse, self._limits.response_bytes)
         for wanted in calls:
-            await self._add(request, wanted, answer)
-            await request.turns.end(answer.size)
+            await self.add(request, wanted, answer)
+            if request.turns.is_due(answer.size):
+                await request.turns.end(answer.size)
         return answer
 
-    async def _add(self, request: ServiceRequest, wanted: ua.CallMethodRequest, answer: ArrayResponse) -> None:
-        """Call a method, and tell of it."""
-        result, reason = await self._call(request, wanted)
-        answer.add(
-            result,
-            lambda code: ua.CallMethodResult(StatusCode=status(code)),
-            self._context.misfit,
-            partial(shown, wanted.MethodId),
-        )
+    def waits(self, method_id: ua.NodeId) -> bool:
+        """Whether a Call of this Method alone is answered later."""
+        return method_id in self._context.waiting_methods
+
+    async def add(
+        self,
+        request: ServiceRequest,
+        wanted: ua.CallMethodRequest,
+        answer: ArrayResponse,
+        known: FoundMethod | None = None,
+    ) -> None:
+        """Call a method, add its result, and tell of it.
+
+        Args:
+            request: whose it is.
+            wanted: the call.
+            answer: gets the result.
+            known: which Method it is, where that is known and is so now.
+        """
+        found: FoundMethod | Refusal
+        try:
+            found = known or self.find(wanted)
+        except Refusal as error:
+            found = error
+        result, reason = await self._call(request, wanted, found)
+        if (plain := _plain_bytes(result)) is not None and len(plain) <= answer.left:
+            answer.add_bytes(plain)
+        else:
+            answer.add(
+                result,
+                lambda code: ua.CallMethodResult(StatusCode=status(code)),
+                self._context.misfit,
+                partial(shown, wanted.MethodId),
+            )
         if request.wants_reasons:
             answer.explain(reason)
         self._context.statistics.calls += 1
         code = int(result.StatusCode.value)
         if wanted.MethodId in self._context.frequent_methods and code != StatusCodes.BadUserAccessDenied:
             return
-        told = self._without_secrets(wanted)
-        self._record(request, told, code)
-        outputs = result.OutputArguments or []
-        self._events.called(request.who, told, [] if outputs and self._is_secret(wanted) else outputs, code)
+        method_id = wanted.MethodId if isinstance(found, Refusal) else found.method_id
+        secret = self._context.secret_inputs
+        is_secret = wanted.MethodId in secret or method_id in secret
+        arguments = [] if is_secret else wanted.InputArguments or []
+        self._record(request, wanted, found, arguments, code)
+        if self._events.wanted:
+            outputs = [] if method_id in self._context.secret_methods else result.OutputArguments or []
+            told = ua.CallMethodRequest(wanted.ObjectId, wanted.MethodId, arguments)
+            self._events.called(request.who, told, outputs, code)
 
     def _put_aside(self, request: ServiceRequest, wanted: ua.CallMethodRequest) -> None:
         session = request.session
@@ -118,8 +176,8 @@ class MethodServices:
         session, link = request.session, request.session.link
         try:
             with self._context.mistakes.guard("services", service="Call"):
-                answer = ArrayResponse(ua.CallResponse(), self._limits.response_bytes)
-                await self._add(request, wanted, answer)
+                answer = ArrayResponse(ua.CallResponse, self._limits.response_bytes)
+                await self.add(request, wanted, answer)
                 if link is not None and session.link is link:
                     link.respond(answer, request.handle, request.request_id)
         finally:
@@ -131,43 +189,38 @@ class MethodServices:
             task.cancel()
         await asyncio.gather(*self._aside, return_exceptions=True)
 
-    def _is_secret(self, wanted: ua.CallMethodRequest) -> bool:
-        """Whether no event may show what a Method has answered, by whichever NodeId it was named."""
-        try:
-            return self._method(wanted) in self._context.secret_methods
-        except Refusal:
-            return True  # it has gone since
-
-    def _without_secrets(self, wanted: ua.CallMethodRequest) -> ua.CallMethodRequest:
-        """A call as the log and the events may tell of it."""
-        secret = self._context.secret_inputs
-        if wanted.MethodId not in secret:
-            try:
-                if self._method(wanted) not in secret:
-                    return wanted
-            except Refusal:
-                return wanted
-        return ua.CallMethodRequest(wanted.ObjectId, wanted.MethodId, [])
-
-    def _record(self, request: ServiceRequest, wanted: ua.CallMethodRequest, code: int) -> None:
+    def _record(
+        self,
+        request: ServiceRequest,
+        wanted: ua.CallMethodRequest,
+        found: FoundMethod | Refusal,
+        arguments: Sequence[Any],
+        code: int,
+    ) -> None:
         audit = self._context.audit
-        arguments = [argument.Value for argument in wanted.InputArguments or []]
-        what = {"object": shown(wanted.ObjectId), "method": shown(wanted.MethodId), "value": summary(arguments)}
+        if isinstance(found, Refusal):
+            what = {"object": shown(wanted.ObjectId), "method": shown(wanted.MethodId)}
+        else:
+            what = {"object": found.object_text, "method": found.method_text}
+        what["value"] = summary([argument.Value for argument in arguments])
         if code == StatusCodes.BadServerTooBusy:
             # Who calls too often shall not fill the log either.
             audit.refuse(request.caller, "call", name_of(code), **what)
         else:
-            audit.record("call", request.caller, name_of(code), **what)
+            audit.record("call", request.caller, name_of(code) if code else "Good", **what)
 
-    async def _call(self, request: ServiceRequest, wanted: ua.CallMethodRequest) -> tuple[ua.CallMethodResult, str]:
+    async def _call(
+        self, request: ServiceRequest, wanted: ua.CallMethodRequest, found: FoundMethod | Refusal
+    ) -> tuple[ua.CallMethodResult, str]:
         """The result of a call, and why a Method that may be called has refused it; empty where it has not."""
         result, checked, reason = ua.CallMethodResult(), False, ""
         try:
-            method_id = self._method(wanted)
-            implementation = self._check(request, method_id)
-            self._check_arguments(method_id, wanted)
+            if isinstance(found, Refusal):
+                raise found
+            implementation = self._check(request, found)
+            self._check_arguments(found.declared, wanted)
             checked = True
-            returned = await self._run(request, implementation, wanted)
+            returned = await self._run(request, found, implementation, wanted)
             if isinstance(returned, ua.CallMethodResult):
                 result = returned
             elif isinstance(returned, ua.StatusCode):
@@ -191,6 +244,15 @@ class MethodServices:
         if checked and not result.InputArgumentResults:
             result.InputArgumentResults = [GOOD] * len(wanted.InputArguments or [])
         return result, reason
+
+    def find(self, wanted: ua.CallMethodRequest) -> FoundMethod:
+        """The Method that is called; raises Refusal where there is none."""
+        method_id = self._method(wanted)
+        method = self._aspace[method_id]
+        held = self.arguments_of(method)
+        variant = held.value.Value if held is not None and held.value is not None else None
+        declared = list(variant.Value or []) if variant is not None else []
+        return FoundMethod(method_id, method, declared, shown(wanted.ObjectId), shown(wanted.MethodId))
 
     def _method(self, wanted: ua.CallMethodRequest) -> ua.NodeId:
         """The Method of the Object; a client may also name that of the Object's type (OPC 10000-4 5.12.2)."""
@@ -222,28 +284,23 @@ class MethodServices:
                 yield node
             reference, forward = _HAS_SUBTYPE, False
 
-    def _check(self, request: ServiceRequest, method_id: ua.NodeId) -> Callable[..., Any]:
+    def _check(self, request: ServiceRequest, found: FoundMethod) -> Callable[..., Any]:
         """The implementation of a method; raises Refusal where this user may not call it there."""
-        method = self._aspace[method_id]
-        if not self._flag(method_id, AttributeIds.Executable):
+        method_id, method = found.method_id, found.node
+        if not _flag(found, AttributeIds.Executable):
             raise Refusal(StatusCodes.BadNotExecutable)
         if method.call is None:
             raise Refusal(StatusCodes.BadNotImplemented)
         if method_id in self._context.encrypted_methods and not request.encrypted:
             raise Refusal(StatusCodes.BadSecurityModeInsufficient)
         allowed = self._context.may_call(request.user, method_id)
-        if not allowed or not self._flag(method_id, AttributeIds.UserExecutable):
+        if not allowed or not _flag(found, AttributeIds.UserExecutable):
             raise Refusal(StatusCodes.BadUserAccessDenied)
         implementation: Callable[..., Any] = method.call
         return implementation
 
-    def _flag(self, node_id: ua.NodeId, attribute: AttributeIds) -> bool:
-        variant = self._aspace.read_attribute_value(node_id, attribute).Value
-        return variant is not None and variant.Value is True
-
-    def _check_arguments(self, method_id: ua.NodeId, wanted: ua.CallMethodRequest) -> None:
+    def _check_arguments(self, declared: Sequence[Any], wanted: ua.CallMethodRequest) -> None:
         given = wanted.InputArguments or []
-        declared = self._declared(method_id)
         if len(given) < len(declared):
             raise Refusal(StatusCodes.BadArgumentsMissing, f"{len(given)} arguments of {len(declared)}")
         if len(given) > len(declared):
@@ -253,14 +310,13 @@ class MethodServices:
             mismatch = status(StatusCodes.BadTypeMismatch)
             raise _WrongArguments([GOOD if fit else mismatch for fit in fits])
 
-    def _declared(self, method_id: ua.NodeId) -> list[Any]:
-        """The method's InputArguments."""
-        node = self._aspace.get(method_id)
-        for ref in node.references if node is not None else ():
+    def arguments_of(self, method: NodeData) -> Any:
+        """What holds the InputArguments of a method; None where it has none."""
+        for ref in method.references:
             if ref.IsForward and ref.ReferenceTypeId == _HAS_PROPERTY and ref.BrowseName.Name == "InputArguments":
-                variant = self._aspace.read_attribute_value(ref.NodeId, AttributeIds.Value).Value
-                return list(variant.Value or []) if variant is not None else []
-        return []
+                node = self._aspace.get(ref.NodeId)
+                return None if node is None else node.attributes.get(AttributeIds.Value)
+        return None
 
     def _fits(self, value: ua.Variant, argument: Any) -> bool:
         # A null array has no elements to show that it is one.
@@ -281,14 +337,18 @@ class MethodServices:
         return shape and value.VariantType.value in types
 
     async def _run(
-        self, request: ServiceRequest, implementation: Callable[..., Any], wanted: ua.CallMethodRequest
+        self,
+        request: ServiceRequest,
+        found: FoundMethod,
+        implementation: Callable[..., Any],
+        wanted: ua.CallMethodRequest,
     ) -> Any:
         arguments = [wanted.ObjectId, *(wanted.InputArguments or [])]
         token, session = current_user.set(request.user), current_session.set(request.session)
         try:
+            if found.is_coroutine(implementation):
+                return await within(self._limits.method_s, implementation(*arguments))
             async with asyncio.timeout(self._limits.method_s):
-                if inspect.iscoroutinefunction(implementation):
-                    return await implementation(*arguments)
                 context = contextvars.copy_context()
                 run: Callable[[], Any] = partial(context.run, implementation, *arguments)
                 pool = self._context.iserver.method_service._pool  # noqa: SLF001 - it has no accessor
@@ -300,6 +360,26 @@ class MethodServices:
 
 def _components(node: NodeData) -> Iterator[ua.ReferenceDescription]:
     return (ref for ref in node.references if ref.IsForward and ref.ReferenceTypeId == _HAS_COMPONENT)
+
+
+def _plain_bytes(result: Any) -> bytes | None:
+    """A result without outputs, whose arguments are right, as bytes; None for any other one."""
+    arguments = result.InputArgumentResults
+    if result.OutputArguments != [] or result.InputArgumentDiagnosticInfos != [] or not isinstance(arguments, list):
+        return None
+    if any(each is not GOOD for each in arguments):
+        return None
+    return _RESULT.pack(result.StatusCode.value, len(arguments)) + bytes(4 * len(arguments) + 8)
+
+
+def _flag(found: FoundMethod, attribute: AttributeIds) -> bool:
+    """Whether an attribute of a method is true."""
+    held = found.node.attributes.get(attribute)
+    if held is None:
+        return False
+    value = held.value_callback(found.method_id, attribute) if held.value_callback else held.value
+    variant = value.Value if value is not None else None
+    return variant is not None and variant.Value is True
 
 
 def _is_method(node: NodeData) -> bool:

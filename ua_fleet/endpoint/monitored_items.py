@@ -14,6 +14,7 @@ from typing import Any, Final
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
+from ua_fleet.endpoint.compact_nodes import HeldValue, Shared
 from ua_fleet.endpoint.monitoring import DataItem, EventItem, Item
 from ua_fleet.endpoint.stack import GOOD, StatusCodes, status
 from ua_fleet.endpoint.turns import TURN_S
@@ -21,6 +22,8 @@ from ua_fleet.endpoint.turns import TURN_S
 __all__ = ["MonitoredItems"]
 
 _SPARE_SAMPLES: Final = 64
+_KEPT: Final = (HeldValue, Shared)
+"""What keeps the bytes of its value; others compute it."""
 
 
 class MonitoredItems:
@@ -75,6 +78,9 @@ class MonitoredItems:
         if result.is_good():
             self._monitored_items[item.id] = item
             self._watched[item.node_id] += 1
+            node = self._aspace.get(item.node_id)
+            held: Any = node.attributes.get(item.attribute) if node is not None else None
+            item.source = held if type(held) in _KEPT else None
             item.tell_again()
         return result
 

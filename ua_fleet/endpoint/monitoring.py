@@ -25,9 +25,10 @@ from asyncua.server.address_space import AddressSpace
 
 from ua_fleet.endpoint.answers import Misfit
 from ua_fleet.endpoint.at_once import DONE, Done
+from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.filters import EventFilter
 from ua_fleet.endpoint.indexrange import IndexRange, apply_range, is_small
-from ua_fleet.endpoint.notifications import change_bytes, event_bytes
+from ua_fleet.endpoint.notifications import change_bytes, event_bytes, kept_change_bytes
 from ua_fleet.endpoint.queues import Account, content_bytes
 from ua_fleet.endpoint.stack import AttributeIds, shown, status
 
@@ -201,6 +202,7 @@ class DataItem(Item):
         "index_range",
         "interval_s",
         "last",
+        "source",
         "timestamps",
         "trigger",
     )
@@ -226,6 +228,8 @@ class DataItem(Item):
         self.timestamps = timestamps
         self.last: ua.DataValue | None = None
         self.handle = 0
+        self.source: HeldValue | None = None
+        """What holds the attribute, where it has the bytes of its value beside it."""
         self._aspace = aspace
         self.interval_s = interval_s
         """Sampling interval; 0 tells each write."""
@@ -323,8 +327,12 @@ class DataItem(Item):
         value = notification
         if self.index_range is not None:
             value = apply_range(value, self.index_range)
+        elif self.source is not None:
+            data = kept_change_bytes(self.client_handle, self.source, value, room, self.timestamps)
+            if data is not None:
+                return data
         value = with_timestamps(value, self.timestamps)
-        return change_bytes(self.client_handle, value, room, misfit, shown(self.node_id))
+        return change_bytes(self.client_handle, value, room, misfit, functools.partial(shown, self.node_id))
 
     def _differs(self, old: ua.DataValue, new: ua.DataValue) -> bool:
         old_status, new_status = old.StatusCode, new.StatusCode

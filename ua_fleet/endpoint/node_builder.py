@@ -12,7 +12,7 @@ compares what clients see of such nodes with what AddNodes makes.
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from typing import Any, Final
 from weakref import WeakValueDictionary
@@ -23,7 +23,7 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds
 
 from ua_fleet.endpoint.at_once import do_at_once
-from ua_fleet.endpoint.compact_nodes import BuiltNode, HeldValue, NodeKind, Shared
+from ua_fleet.endpoint.compact_nodes import BuiltNode, ExpectantNode, HeldValue, NodeKind, Shared
 from ua_fleet.endpoint.convert import raw_id, to_status
 from ua_fleet.errors import ServerStartError
 from ua_fleet.fleet.model import MAX_AGE_PREFIX
@@ -105,6 +105,8 @@ class _Nodes(dict[ua.NodeId, Any]):
 
     removed = 0
     """How many have been removed: what somebody knows of nodes is good until there is one more."""
+    make: Callable[[ua.NodeId], None] | None = None
+    """Makes a node, if it is one that waits for being wanted."""
 
     def __setitem__(self, key: ua.NodeId, node: Any) -> None:
         self.removed += super().__contains__(key)
@@ -130,6 +132,10 @@ class _Nodes(dict[ua.NodeId, Any]):
         if isinstance(text, str) and text.startswith((LAZY_PREFIX, ALARM_PREFIX)) and len(text) <= _LONGEST_LAZY:
             made = self._made_below(key, text)
             if made is not None:
+                return made
+        if self.make is not None:
+            self.make(key)
+            if (made := super().get(key)) is not None:
                 return made
         raise KeyError(key)
 
@@ -258,6 +264,22 @@ class NodeBuilder:
         """
         owner: Any = self._space[node_id]
         owner.expect(make)
+
+    def make_when_wanted(
+        self, parents: Iterable[ua.NodeId], make_all: Callable[[], None], make: Callable[[ua.NodeId], None]
+    ) -> None:
+        """Have nodes made when somebody wants them; for one kind of nodes of an address space.
+
+        Args:
+            parents: nodes of the standard, whose references are wanted by who looks for them.
+            make_all: makes all that wait.
+            make: makes the one with this id, if it waits. Both do nothing for one that is being made.
+        """
+        for parent in parents:
+            expectant: Any = ExpectantNode(self._space[parent], make_all)
+            self._space[parent] = expectant
+        nodes: Any = self._space._nodes  # noqa: SLF001 - see the module's description
+        nodes.make = make
 
     def has(self, node_id: ua.NodeId) -> bool:
         """Whether there is such a node."""
@@ -427,7 +449,8 @@ class NodeBuilder:
 
 def _made(node: Any) -> list[ua.ReferenceDescription]:
     """References as far as they are made: nothing is made to be removed."""
-    made: list[ua.ReferenceDescription] = node.made_references if isinstance(node, BuiltNode) else node.references
+    is_lazy = isinstance(node, BuiltNode | ExpectantNode)
+    made: list[ua.ReferenceDescription] = node.made_references if is_lazy else node.references
     return made
 
 

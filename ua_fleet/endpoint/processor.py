@@ -10,9 +10,8 @@ all others get Bad_ServiceUnsupported.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import IntEnum
 from typing import Any, NoReturn
@@ -26,6 +25,7 @@ from cryptography.x509 import Certificate
 from ua_fleet.endpoint.admission import Progress
 from ua_fleet.endpoint.audit import Caller
 from ua_fleet.endpoint.audit_events import Who
+from ua_fleet.endpoint.binary.session_requests import decode_session_request
 from ua_fleet.endpoint.channel import Channel
 from ua_fleet.endpoint.charges import REFUSED_LOGIN_S, Charge
 from ua_fleet.endpoint.connection import FrameError, TcpConnection
@@ -44,7 +44,8 @@ from ua_fleet.endpoint.services import Services, encoding
 from ua_fleet.endpoint.sessions import Session
 from ua_fleet.endpoint.stack import DECODE_ERRORS, ObjectIds, Refusal, StatusCodes, name_of, status, status_of
 from ua_fleet.endpoint.trust import CertificateRefused
-from ua_fleet.endpoint.turns import LARGE_BYTES, TURN_S, Turns
+from ua_fleet.endpoint.turns import LARGE_BYTES, TURN_S, TurnPlace, Turns
+from ua_fleet.endpoint.users import User
 from ua_fleet.errors import RemoteWireError
 
 __all__ = ["Processor", "Stage", "refuse_stranger"]
@@ -120,6 +121,8 @@ class Processor:
         """Responses that wait behind the chunks of a large one, while there is one."""
         self._turns: Turns | None = None
         """Of the request that is worked on."""
+        self._place: tuple[User, TurnPlace] | None = None
+        """Of the user who has asked last."""
         self._deadline = connection.opened_at + context.limits.handshake_s
 
     @property
@@ -250,10 +253,11 @@ class Processor:
         except FrameError as error:
             self._tell_opened(error.code)
             raise
-        self._flush()
-        self._tell_opened(0)
-        if self._channel.is_open:
-            self._advance(Stage.OPENED)
+        if message is None:
+            self._flush()
+            self._tell_opened(0)
+            if self._channel.is_open:
+                self._advance(Stage.OPENED)
         if message is not None and self._channel.secured and not self._is_proved:
             # An OpenSecureChannel can be sent again by anybody; the first message under its keys cannot.
             self._is_proved = True
@@ -263,19 +267,13 @@ class Processor:
             await self._serve(message)
         return True
 
-    @contextlib.contextmanager
-    def _charged(self, stranger: bool = True) -> Generator[None]:
+    def _charged(self, stranger: bool = True) -> _Charged:
         """What is computed meanwhile, without waiting, is owed until a user logs in."""
-        began = own_time()
-        try:
-            yield
-        finally:
-            if stranger:
-                self._charge.spend(own_time() - began, time.monotonic())
+        return _Charged(self._charge if stranger else None)
 
     def _tell_opened(self, code: int) -> None:
         """Tell engineers of an OpenSecureChannel, if there was one."""
-        if (asked := self._channel.take_opened()) is not None:
+        if (asked := self._channel.take_opened()) is not None and self._services.events.wanted:
             opened = replace(asked, channel_id=self._channel.channel_id)
             self._services.events.channel(Who(self._caller()), opened, code)
 
@@ -454,9 +452,9 @@ class Processor:
             is_gone = self._connection.over
             return Refusal(_GONE, "the client has gone") if is_gone else session.refusal(self, user)
 
-        place = self._context.places.of(f"at {self.address}" if user.anonymous else user.name)
-        turns = self._turns = Turns(place, refusal)
-        await turns.end(len(body))
+        turns = self._turns = Turns(self._place_of(user), refusal)
+        if turns.is_due(len(body)):
+            await turns.end(len(body))
         request = ServiceRequest(
             session,
             user,
@@ -482,6 +480,12 @@ class Processor:
             turns=turns,
         )
         return await service.handle(request, parameters)
+
+    def _place_of(self, user: User) -> TurnPlace:
+        """The place of the user for large requests."""
+        if self._place is None or self._place[0] is not user:
+            self._place = user, self._context.places.of(f"at {self.address}" if user.anonymous else user.name)
+        return self._place[1]
 
     async def _create(self, head: RequestHead, parameters: Any, server: tuple[str, int] | None) -> Any:
         channel, tell = self._channel, self._services.events.session_created
@@ -514,7 +518,7 @@ class Processor:
         self._advance(Stage.AUTHENTICATED)
         return response
 
-    def _session(self, token: ua.NodeId | None) -> Session:
+    def _session(self, token: bytes | None) -> Session:
         """The session of a request; its token is good on its own connection alone."""
         session = self._services.sessions.find(token)
         if session is None:
@@ -524,8 +528,27 @@ class Processor:
         return session
 
 
+class _Charged:
+    """A context: what is computed in it, without waiting, is spent."""
+
+    __slots__ = ("_began", "_charge")
+
+    def __init__(self, charge: Charge | None) -> None:
+        """Spend it of this charge; of none where nobody owes anything."""
+        self._charge, self._began = charge, 0.0
+
+    def __enter__(self) -> None:
+        self._began = own_time()
+
+    def __exit__(self, *_: object) -> None:
+        if self._charge is not None:
+            self._charge.spend(own_time() - self._began, time.monotonic())
+
+
 async def _decode_early(parameters: Any, body: Buffer) -> Any:
     """The parameters of a request that needs no active session."""
+    if (plain := decode_session_request(parameters, bytes(body))) is not None:
+        return plain
     return await decode_parameters(
         parameters, body, most_operations=OPERATIONS_BEFORE_SESSION, most_memory=BYTES_BEFORE_SESSION
     )

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from ua_fleet.endpoint.audit import Caller
 from ua_fleet.endpoint.audit_events import Who
@@ -16,8 +15,7 @@ from ua_fleet.endpoint.users import User
 __all__ = ["ServiceRequest", "operations"]
 
 
-@dataclass(frozen=True, slots=True)
-class ServiceRequest:
+class ServiceRequest(NamedTuple):
     """A request on an active session."""
 
     session: Session

@@ -37,6 +37,8 @@ __all__ = ["NONE_URI", "CheckedConnection", "Message", "der"]
 
 NONE_URI: Final = SecurityPolicyNone.URI
 _NO_SECURITY: Final[Any] = SecurityPolicyNone
+_TAKEN: Final = (LAST, b"CLOF")
+"""Messages, and CloseSecureChannel, of one chunk."""
 _MOST_RENEWED: Final = 4
 """Tokens that may wait for their first message; a client has two at most that it could use."""
 
@@ -81,6 +83,8 @@ class CheckedConnection(SecureConnection):
         self._last_token_id = 0
         self._renewed: OrderedDict[int, _Renewed] = OrderedDict()
         """Tokens that were issued and not used yet, by their ids."""
+        self._looked: tuple[SecurityPolicyFactory, bytes | None] | None = None
+        """What the policy was made of at the first look at an OpenSecureChannel."""
         self._opening: tuple[Any, ChunkKeys] = (None, NO_KEYS)
         self._sealing: tuple[Any, ChunkKeys] = (None, NO_KEYS)
         """What asyncua verifies or signs by, and the keys that were made of it."""
@@ -122,7 +126,7 @@ class CheckedConnection(SecureConnection):
         kind, _, channel_id, token_id = HEAD.unpack_from(frame)
         token: Any = self.security_token
         if (
-            kind != LAST
+            kind not in _TAKEN
             or token_id != token.TokenId
             or channel_id != token.ChannelId
             or self._incoming_parts
@@ -184,11 +188,16 @@ class CheckedConnection(SecureConnection):
             if mode not in (None, ua.MessageSecurityMode.None_):
                 raise FrameError(StatusCodes.BadSecurityModeRejected, f"mode {mode} without a policy")
             # Without an endpoint for it the channel serves discovery alone (OPC 10000-4 5.5.2).
-            self.security_policy = matching.create(None) if matching else _NO_SECURITY()
+            if mode is None or self._looked is None or self._looked[0] is not matching:
+                self.security_policy = matching.create(None) if matching else _NO_SECURITY()
+                self._looked = None if matching is None else (matching, None)
             self.chain = []
             return
         if matching is None:
             raise FrameError(StatusCodes.BadSecurityPolicyRejected, f"policy {uri!r:.100}, mode {mode}")
+        looked = self._looked
+        if mode is not None and looked is not None and looked[0] is matching and looked[1] == peer_certificate:
+            return  # the policy is that of the first look, which the message was decrypted by
         chain = split_chain(peer_certificate or b"")
         key = chain[0].public_key()
         if not isinstance(key, rsa.RSAPublicKey) or not MIN_KEY_BITS <= key.key_size <= MAX_KEY_BITS:
@@ -199,6 +208,7 @@ class CheckedConnection(SecureConnection):
             self._look(uri, chain)
         self.chain = chain
         self.security_policy = matching.create(der(chain[0]))
+        self._looked = matching, peer_certificate
 
     def chunks(self, data: bytes, request_id: int) -> Iterator[bytes]:
         """The chunks of a response, each made when it is asked for: encrypting a large one takes its time."""

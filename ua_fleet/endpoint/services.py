@@ -13,7 +13,9 @@ from asyncua import ua
 from ua_fleet.endpoint.attributes import AttributeServices
 from ua_fleet.endpoint.audit_events import AuditEvents
 from ua_fleet.endpoint.binary.browse import BrowsePlan
+from ua_fleet.endpoint.binary.call import CallPlan
 from ua_fleet.endpoint.binary.read import ReadPlan
+from ua_fleet.endpoint.binary.write import WritePlan
 from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.history import HistoryServices
 from ua_fleet.endpoint.methods import MethodServices
@@ -24,6 +26,7 @@ from ua_fleet.endpoint.stack import ObjectIds
 from ua_fleet.endpoint.subscription_services import SubscriptionServices
 from ua_fleet.endpoint.subscriptions import SubscriptionRegistry
 from ua_fleet.endpoint.views import ViewServices
+from ua_fleet.endpoint.writes import WriteServices
 
 __all__ = ["Services", "encoding"]
 
@@ -53,11 +56,13 @@ class Services:
         self.sessions = Sessions()
         self.events = events = AuditEvents(subscriptions, lambda: context.server_id)
         self.session = SessionServices(context, self.sessions, subscriptions, events)
-        attributes = AttributeServices(context, events)
+        attributes, writes = AttributeServices(context), WriteServices(context, events)
         self.methods = methods = MethodServices(context, events)
         views = ViewServices(context)
         plans = {
             "Read": ReadPlan(context, attributes.read_one, attributes.is_readable).serve,
+            "Write": WritePlan(context, writes).serve,
+            "Call": CallPlan(context, methods).serve,
             "Browse": BrowsePlan(context, views).serve,
         }
         subs = SubscriptionServices(context, subscriptions)
@@ -65,7 +70,7 @@ class Services:
             encoding(name): Service(parameters, handle, plans.get(name))
             for name, parameters, handle in (
                 ("Read", ua.ReadParameters, attributes.read),
-                ("Write", ua.WriteParameters, attributes.write),
+                ("Write", ua.WriteParameters, writes.write),
                 ("HistoryRead", ua.HistoryReadParameters, HistoryServices(context).history_read),
                 ("Browse", ua.BrowseParameters, views.browse),
                 ("BrowseNext", ua.BrowseNextParameters, views.browse_next),

@@ -7,13 +7,14 @@ from __future__ import annotations
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 from asyncua import ua
 from cryptography import x509
 
 from ua_fleet.endpoint.audit import Caller
 from ua_fleet.endpoint.audit_events import AuditEvents, Who
+from ua_fleet.endpoint.binary.encoders import EncodedArray, encode_array
 from ua_fleet.endpoint.channel import Channel
 from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.logins import identify
@@ -29,6 +30,10 @@ from ua_fleet.endpoint.users import User
 
 __all__ = ["SessionServices"]
 
+_MOST_ENDPOINTS: Final = 64
+_LONGEST_URL: Final = 200
+"""Characters of an EndpointUrl whose endpoints are kept."""
+
 
 class SessionServices:
     """What is done before and around a session; also ends sessions."""
@@ -40,6 +45,8 @@ class SessionServices:
         self._context, self._limits = context, context.limits
         self._sessions, self._subscriptions = sessions, subscriptions
         self._places = SessionPlaces(context.limits)
+        self._known_endpoints: dict[Any, tuple[list[ua.EndpointDescription], EncodedArray]] = {}
+        """Those that were asked for, encoded, with the server's that they were made of."""
         self.activated: Callable[[Session], None] = lambda _session: None
         """Told of a session that is active now."""
         self.ended: Callable[[Session], Awaitable[None]] | None = None
@@ -49,11 +56,25 @@ class SessionServices:
 
     async def get_endpoints(self, params: ua.GetEndpointsParameters, server: tuple[str, int] | None) -> Any:
         """GetEndpoints, on any channel."""
-        response = ua.GetEndpointsResponse()
-        endpoints = await self._context.iserver.get_endpoints(params, sockname=server)
-        profiles = set(params.ProfileUris or [])
-        response.Endpoints = [each for each in endpoints if not profiles or each.TransportProfileUri in profiles]
+        response: Any = ua.GetEndpointsResponse()
+        response.Endpoints = await self._endpoints(params, server)
         return response
+
+    async def _endpoints(self, params: ua.GetEndpointsParameters, server: tuple[str, int] | None) -> EncodedArray:
+        """The endpoints as a client that has asked for this URL at that address sees them."""
+        key = params.EndpointUrl, server, tuple(params.ProfileUris or ())
+        endpoints = self._context.iserver.endpoints
+        known = self._known_endpoints.get(key)
+        if known is not None and known[0] == endpoints:
+            return known[1]
+        made = await self._context.iserver.get_endpoints(params, sockname=server)
+        profiles = set(params.ProfileUris or [])
+        data = encode_array([each for each in made if not profiles or each.TransportProfileUri in profiles])
+        if len(self._known_endpoints) >= _MOST_ENDPOINTS:
+            self._known_endpoints.clear()
+        if len(params.EndpointUrl or "") <= _LONGEST_URL and not profiles:
+            self._known_endpoints[key] = list(endpoints), data
+        return data
 
     def find_servers(self, params: ua.FindServersParameters, server: tuple[str, int] | None) -> Any:
         """FindServers, on any channel: this server alone, since nobody can register."""
@@ -128,7 +149,7 @@ class SessionServices:
         result.ServerCertificate = channel.policy.host_certificate
         wanted = ua.GetEndpointsParameters()
         wanted.EndpointUrl = params.EndpointUrl
-        result.ServerEndpoints = await self._context.iserver.get_endpoints(wanted, sockname=server)
+        result.ServerEndpoints = await self._endpoints(wanted, server)
         signed = channel.client_certificate + (params.ClientNonce or b"")
         result.ServerSignature.Signature = channel.policy.asymmetric_cryptography.signature(signed)
         result.ServerSignature.Algorithm = channel.policy.AsymmetricSignatureURI
@@ -143,7 +164,7 @@ class SessionServices:
             raise Refusal(StatusCodes.BadSecurityChecksFailed, str(error)) from error
 
     async def activate(
-        self, link: SessionConnection, channel: Channel, token: ua.NodeId, params: ua.ActivateSessionParameters
+        self, link: SessionConnection, channel: Channel, token: bytes | None, params: ua.ActivateSessionParameters
     ) -> tuple[Session, Any]:
         """ActivateSession: everything is checked first, then the session is bound; a refusal changes nothing."""
         session = self._sessions.find(token)

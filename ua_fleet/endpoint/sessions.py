@@ -117,6 +117,8 @@ class Session:
     """Its calls that are answered later."""
     usage: SessionUsage = field(default_factory=SessionUsage)
     """What its diagnostics tell."""
+    _caller: tuple[Caller, SessionConnection | None, User | None] | None = None
+    """What `caller` has said last, and of which connection and user."""
 
     @property
     def active(self) -> bool:
@@ -141,10 +143,14 @@ class Session:
     @property
     def caller(self) -> Caller:
         """The session for a line of the audit log."""
-        peer = self.link.peer if self.link is not None else self.last_peer
-        if self.user is None:
-            return Caller(peer, session=self.label)
-        return Caller(peer, self.user.name, self.user.shown_role, self.label)
+        known, link, user = self._caller, self.link, self.user
+        if known is not None and known[1] is link and known[2] is user:
+            return known[0]
+        peer = link.peer if link is not None else self.last_peer
+        who = ("", "") if user is None else (user.name, user.shown_role)
+        caller = Caller(peer, *who, session=self.label)
+        self._caller = caller, link, user
+        return caller
 
     @property
     def address(self) -> str:
@@ -186,7 +192,7 @@ class Session:
         if self.link is not None:
             self.last_peer, self.last_address = self.link.peer, self.link.address
             self.detached_at = time.monotonic()
-        self.link = None
+        self.link = self._caller = None
         self.requests.clear()
 
     @property
@@ -272,10 +278,9 @@ class Sessions:
         """Forget a closed session."""
         self._by_token.pop(session.token, None)
 
-    def find(self, token: ua.NodeId | None) -> Session | None:
+    def find(self, token: bytes | None) -> Session | None:
         """The session with this AuthenticationToken. Tokens have 256 random bits, so a lookup tells nothing."""
-        identifier = token.Identifier if token is not None else None
-        return self._by_token.get(identifier) if isinstance(identifier, bytes) else None
+        return self._by_token.get(token) if token is not None else None
 
     def on(self, link: SessionConnection) -> list[Session]:
         """The sessions that are bound to a connection."""

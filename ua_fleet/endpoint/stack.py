@@ -97,7 +97,7 @@ def ns0(identifier: int) -> ua.NodeId:
 
 def guid_id(identifier: uuid.UUID, namespace: int = 0) -> ua.NodeId:
     """A NodeId with a Guid."""
-    return ua.NodeId(ua.Guid(identifier.hex), ua.Int16(namespace))
+    return ua.NodeId(ua.Guid(int=identifier.int), ua.Int16(namespace))
 
 
 def opaque_id(identifier: bytes) -> ua.NodeId:

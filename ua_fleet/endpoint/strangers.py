@@ -58,11 +58,14 @@ class StrangersTime:
 
     def exhausted(self, address: str, now: float) -> bool:
         """Whether nothing more is done for clients of this address that have no user."""
-        return any(
-            debt.left(now) >= self._at_once_s * debt.times
-            for name in networks(address)
-            if (debt := self._debts.get(name)) is not None
-        )
+        for name in networks(address):
+            debt = self._debts.get(name)
+            if debt is None:
+                continue
+            most = self._at_once_s * debt.times
+            if debt.seconds >= most and debt.left(now) >= most:
+                return True
+        return False
 
     def owed(self, address: str, now: float) -> float:
         """Seconds that an address by itself owes."""

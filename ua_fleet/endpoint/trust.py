@@ -214,6 +214,13 @@ class TrustList:
         self._revocations = folder / "crl"
         self._lists: dict[Path, tuple[tuple[int, ...], RevocationList]] = {}
         """Of each file, by what tells it from another one in its place."""
+        self._sound: dict[bytes, bool] = {}
+        """Certificates, by fingerprint, of which all that never changes was found good; whether each is self-signed.
+
+        A connection has its certificate looked at three times, and many clients come again.
+        """
+        self._uris: dict[bytes, list[str]] = {}
+        """What certificates say that they are of, by fingerprint."""
         rejected = folder / CertificateState.REJECTED
         self._rejected = RejectedCertificates(rejected)
         folders = (self._trusted, self._bridges, self.gateways, self._issuers)
@@ -238,25 +245,37 @@ class TrustList:
 
     def _check(self, chain: list[x509.Certificate]) -> None:
         certificate = chain[0]
+        mark = certificate.fingerprint(hashes.SHA256())
+        self_signed = self._sound.get(mark)
+        if self_signed is None:
+            self_signed = self._check_made_well(certificate)
+            if len(self._sound) >= _MOST_ASKED:
+                self._sound.clear()
+            self._sound[mark] = self_signed
+        else:
+            self._check_time(certificate, TIME_INVALID)
+        if self._trust_all:
+            return
+        trusted = self._trusted.refresh()
+        # A bridge's or gateway's certificate is trusted as it is, and never as a CA.
+        if mark in trusted or mark in self._bridges.refresh() or mark in self.gateways.refresh():
+            self._check_not_revoked(certificate, [*trusted.values(), *self._issuers.refresh().values()])
+            return
+        if self_signed or not self._chain_trusted(chain):
+            shown = thumbprint(certificate)[:12]
+            bridge = self._bridge_of(certificate)
+            as_bridge = f"--bridge {bridge} " if bridge else ""
+            remedy = f"compare its thumbprint, then run: ua-fleet cert trust {as_bridge}{shown}"
+            raise CertificateRefused(UNTRUSTED, f"{_named(certificate)} is not trusted; {remedy}")
+
+    def _check_made_well(self, certificate: x509.Certificate) -> bool:
+        """Refuse a client's certificate for what it is; whether it is signed by its own key."""
         self._check_sound(certificate, TIME_INVALID)
         _check_use(certificate)
         self_signed = certificate.issuer == certificate.subject
         if self_signed and not _issued_by(certificate, certificate):
             raise CertificateRefused(INVALID, "the certificate's own signature is wrong")
-        if self._trust_all:
-            return
-        trusted = self._trusted.refresh()
-        # A bridge's or gateway's certificate is trusted as it is, and never as a CA.
-        as_they_are = {**trusted, **self._bridges.refresh(), **self.gateways.refresh()}
-        if certificate.fingerprint(hashes.SHA256()) in as_they_are:
-            self._check_not_revoked(certificate, [*trusted.values(), *self._issuers.refresh().values()])
-            return
-        if self_signed or not self._chain_trusted(chain):
-            mark = thumbprint(certificate)[:12]
-            bridge = self._bridge_of(certificate)
-            as_bridge = f"--bridge {bridge} " if bridge else ""
-            remedy = f"compare its thumbprint, then run: ua-fleet cert trust {as_bridge}{mark}"
-            raise CertificateRefused(UNTRUSTED, f"{_named(certificate)} is not trusted; {remedy}")
+        return self_signed
 
     def _bridge_of(self, certificate: x509.Certificate) -> str:
         """The bridge that a certificate says it is of; whether it is, only `ua-fleet cert trust --bridge` says."""
@@ -264,7 +283,14 @@ class TrustList:
 
     def check_uri(self, certificate: x509.Certificate, application_uri: str) -> None:
         """Raise CertificateRefused unless the certificate is that of the application (OPC 10000-4 6.1.3)."""
-        if application_uri not in application_uris(certificate):
+        mark = certificate.fingerprint(hashes.SHA256())
+        known = self._uris.get(mark)
+        if known is None:
+            known = application_uris(certificate)
+            if len(self._uris) >= _MOST_ASKED:
+                self._uris.clear()
+            self._uris[mark] = known
+        if application_uri not in known:
             raise CertificateRefused(URI_INVALID, f"the certificate is not that of {application_uri[:100]!r}")
 
     def reject(self, certificate: x509.Certificate, address: str) -> None:
@@ -282,6 +308,9 @@ class TrustList:
             )
         if isinstance(certificate.signature_hash_algorithm, _WEAK_HASHES):
             raise CertificateRefused(POLICY_CHECK_FAILED, "the certificate is signed with a weak hash")
+        self._check_time(certificate, time_status)
+
+    def _check_time(self, certificate: x509.Certificate, time_status: int) -> None:
         validity = Validity(certificate.not_valid_before_utc, certificate.not_valid_after_utc)
         if problem := validity.problem(datetime.now(UTC)):
             remedy = "check the clocks of both machines"

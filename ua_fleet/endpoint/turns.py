@@ -72,6 +72,10 @@ class Turns:
         """Whether it is another's turn."""
         return time.monotonic() - self._began > TURN_S
 
+    def is_due(self, size: int) -> bool:
+        """Whether `end` has anything to do."""
+        return (size > LARGE_BYTES and not self.is_large) or self.over
+
     async def end(self, size: int = 0) -> None:
         """Let others have theirs if this one is over; wait for the user's place where `size` bytes are large.
 

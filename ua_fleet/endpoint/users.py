@@ -76,11 +76,14 @@ class Role(StrEnum):
     @property
     def rank(self) -> int:
         """Position in the order of the roles."""
-        return tuple(Role).index(self)
+        return _RANKS[self]
 
     def covers(self, needed: Role) -> bool:
         """Whether this role may do what `needed` may."""
         return self.rank >= needed.rank
+
+
+_RANKS: Final = {role: rank for rank, role in enumerate(Role)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -61,8 +61,8 @@ def _masked(ref: ua.ReferenceDescription, mask: int) -> ua.ReferenceDescription:
 class BrowsePortions:
     """The BrowseResults of one response: what does not fit into it waits at a continuation point."""
 
-    def __init__(self, session: Session, response: Any, context: EndpointContext) -> None:
-        self.answer = ArrayResponse(response, context.limits.response_bytes)
+    def __init__(self, session: Session, kind: Any, context: EndpointContext) -> None:
+        self.answer = ArrayResponse(kind, context.limits.response_bytes)
         self._session, self._misfit = session, context.misfit
         self._points = context.limits.continuation_points
         self._made: set[bytes] = set()
@@ -164,7 +164,7 @@ class ViewServices:
         if params.RequestedMaxReferencesPerNode:
             portion = min(portion, params.RequestedMaxReferencesPerNode)
         types: dict[ua.NodeId, frozenset[ua.NodeId]] = {}
-        portions = BrowsePortions(request.session, ua.BrowseResponse(), self._context)
+        portions = BrowsePortions(request.session, ua.BrowseResponse, self._context)
         for description in nodes:
             try:
                 portions.add(self.references(description, types), portion, int(description.ResultMask))
@@ -226,7 +226,7 @@ class ViewServices:
 
     async def browse_next(self, request: ServiceRequest, params: ua.BrowseNextParameters) -> Any:
         """BrowseNext."""
-        portions = BrowsePortions(request.session, ua.BrowseNextResponse(), self._context)
+        portions = BrowsePortions(request.session, ua.BrowseNextResponse, self._context)
         for point in operations(params.ContinuationPoints, self._limits.nodes_per_request):
             rest = request.session.continuations.pop(point or b"", None)
             if rest is None:
@@ -243,7 +243,7 @@ class ViewServices:
     ) -> Any:
         """TranslateBrowsePathsToNodeIds."""
         types: dict[ua.NodeId, frozenset[ua.NodeId]] = {}
-        answer = ArrayResponse(ua.TranslateBrowsePathsToNodeIdsResponse(), self._limits.response_bytes)
+        answer = ArrayResponse(ua.TranslateBrowsePathsToNodeIdsResponse, self._limits.response_bytes)
         for path in operations(params.BrowsePaths, self._limits.nodes_per_request):
             result = ua.BrowsePathResult()
             try:

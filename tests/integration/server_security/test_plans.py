@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import json
 import random
+from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.integration.server_security.harness import Client, Door, Identities, binary, door, ua
+from tests.integration.server_security.test_limits import create_subscription
 from tests.integration.server_security.test_mutations import mutated
+from ua_fleet.endpoint import decoding
 from ua_fleet.endpoint.node_builder import NodeBuilder
 from ua_fleet.endpoint.services import encoding
 
@@ -29,15 +34,18 @@ class Paths:
         self._client = client
         self._plans = dict(self._table)
 
-    async def compare(self, name: str, body: bytes) -> bytes:
-        """The answer, which is the same by both ways, and when the plan knows the bytes already."""
+    async def compare(self, name: str, body: bytes, left: Callable[[], Any] = lambda: None) -> bytes:
+        """The answer, which is the same by both ways, and when the plan knows the bytes already.
+
+        So is what `left` says that a request has left behind.
+        """
         kind = encoding(name)
         self._table[kind] = dataclasses.replace(self._plans[kind], plan=None)
-        expected = await self._answer(body)
+        expected = await self._answer(body), left()
         self._table[kind] = self._plans[kind]
         for _ in range(2):
-            assert await self._answer(body) == expected
-        return expected
+            assert (await self._answer(body), left()) == expected
+        return expected[0]
 
     async def _answer(self, body: bytes) -> bytes:
         protocol = self._client.uaclient.protocol
@@ -143,3 +151,280 @@ async def test_what_has_changed_is_read_and_browsed_as_it_is_now(tmp_path: Path,
         held.value = ua.DataValue(ua.Variant(0, ua.VariantType.Byte))
         with pytest.raises(ua.UaStatusCodeError, match="BadNotReadable"):
             await node.read_value()
+
+
+NOW = datetime(2026, 1, 1, tzinfo=UTC)
+OLD = datetime(2020, 1, 1, tzinfo=UTC)
+"""Before it: the times that requests have; after it: those of now."""
+
+
+def _value(rng: random.Random) -> Any:
+    """A DataValue as clients may write it."""
+    content, kind = rng.choice(
+        (
+            (rng.random(), ua.VariantType.Double),
+            (rng.random(), ua.VariantType.Double),
+            (rng.randrange(100), ua.VariantType.Int32),
+            ("\u00e4" * rng.randrange(4), ua.VariantType.String),
+            (b"ab", ua.VariantType.ByteString),
+            ([rng.randrange(9) for _ in range(rng.choice((1, 2, 10)))], ua.VariantType.Int32),
+            ([1.5, 2.5], ua.VariantType.Double),
+            (None, ua.VariantType.Null),
+        )
+    )
+    times = [rng.choice((None, None, ua.win_epoch_to_datetime(130_000_000_000_000_000))) for _ in range(2)]
+    finer = [rng.choice((None, None, None, 7, 65_000)) for _ in range(2)]
+    code = rng.choice(
+        (None, ua.StatusCode(0), ua.StatusCode(0), ua.StatusCode(0x4000_0000), ua.StatusCode(0x0080_0000))
+    )
+    return ua.DataValue(ua.Variant(content, kind), code, *times, *finer)
+
+
+def _write(rng: random.Random, targets: list[Any]) -> Any:
+    request = ua.WriteRequest()
+    for _ in range(rng.choice((0, 1, 1, 5, 12))):
+        attribute = rng.choice((13, 13, 13, 13, rng.randrange(28)))
+        index_range = rng.choice((None, None, None, None, "", "1", "1:2", "x"))
+        request.Parameters.NodesToWrite.append(ua.WriteValue(rng.choice(targets), attribute, index_range, _value(rng)))
+    return request
+
+
+class Written:
+    """What writes leave behind: values, and lines of the audit log since the last look."""
+
+    def __init__(self, hardened: Door, watched: list[Any]) -> None:
+        self._space, self._watched = hardened.server.iserver.aspace, watched
+        self._log, self._read = hardened.state_dir / "audit.log", 0
+        self()
+
+    def __call__(self) -> Any:
+        values = [self._space[node].attributes[ua.AttributeIds.Value].value for node in self._watched]
+        lines = [json.loads(line) for line in self._log.read_text().splitlines()[self._read :]]
+        self._read += len(lines)
+        told = [
+            {key: line.get(key) for key in ("event", "node", "object", "method", "value", "status")} for line in lines
+        ]
+        return [_timeless(value) for value in values], [line for line in told if line["status"] == "Good"]
+
+
+def _timeless(value: Any) -> str:
+    """A value with `now` in place of what is no time of a request's."""
+    times = [
+        time if time is not None and time < OLD else "now" for time in (value.SourceTimestamp, value.ServerTimestamp)
+    ]
+    return repr((value.Value, value.StatusCode, *times, value.SourcePicoseconds, value.ServerPicoseconds))
+
+
+@pytest.mark.parametrize("user", ["olga", "oscar"])
+async def test_writes_are_answered_and_done_alike_by_both_ways(
+    tmp_path: Path, identities: Identities, user: str
+) -> None:
+    rng = random.Random(19)
+    async with door(tmp_path, identities) as hardened, hardened.connected(user) as client:
+        nodes, server = hardened.nodes, hardened.server
+        written = [nodes.value, nodes.plain, nodes.array, nodes.text]
+        for node in written:
+            await server.get_node(node).set_writable()
+        paths, targets = Paths(hardened, client), _targets(hardened) + written * 6
+        left = Written(hardened, written)
+        seen: set[bytes] = set()
+        for _ in range(COUNT):
+            body, start = paths.encoded(_write(rng, targets))
+            if rng.random() < 0.3:
+                body = mutated(rng, bytearray(body), start)
+            seen.add(await paths.compare("Write", body, left))
+        assert len(seen) > (COUNT // 5 if user == "oscar" else 5)
+
+
+async def test_nothing_of_a_request_is_written_whose_end_is_no_valid_encoding(
+    tmp_path: Path, identities: Identities
+) -> None:
+    async with door(tmp_path, identities) as hardened, hardened.connected("oscar") as client:
+        paths, node = Paths(hardened, client), client.get_node(hardened.nodes.value)
+        await node.write_value(1.5)
+        request = ua.WriteRequest()
+        one = ua.WriteValue(hardened.nodes.value, 13, None, ua.DataValue(ua.Variant(2.5, ua.VariantType.Double)))
+        request.Parameters.NodesToWrite = [one, one]
+        body, _ = paths.encoded(request)
+        await paths.compare("Write", body[:-1])
+        assert await node.read_value() == 1.5
+
+
+async def test_a_write_to_what_has_changed_since_is_done_as_it_is_now(tmp_path: Path, identities: Identities) -> None:
+    async with (
+        door(tmp_path, identities) as hardened,
+        hardened.connected("oscar") as client,
+        hardened.connected("eva") as engineer,
+    ):
+        space, nodes = hardened.server.iserver.aspace, hardened.nodes
+        node = client.get_node(nodes.value)
+        for value in (2.5, 3.5):
+            await node.write_value(value)
+        told: asyncio.Queue[Any] = asyncio.Queue()
+
+        class Handler:
+            def datachange_notification(self, _node: Any, value: Any, _data: Any) -> None:
+                told.put_nowait(value)
+
+            def event_notification(self, event: Any) -> None:
+                told.put_nowait(event)
+
+        values = await client.create_subscription(10, Handler())
+        await values.subscribe_data_change(node)
+        await node.write_value(4.5)
+        assert [await asyncio.wait_for(told.get(), 30) for _ in range(2)] == [3.5, 4.5]
+        await values.delete()
+        events = await engineer.create_subscription(10, Handler())
+        await events.subscribe_events(evtypes=ua.NodeId(ua.ObjectIds.AuditWriteUpdateEventType))
+        await node.write_value(5.5)
+        event = await asyncio.wait_for(told.get(), 30)
+        assert (event.OldValue, event.NewValue) == (4.5, 5.5)
+        held = space[nodes.value].attributes[ua.AttributeIds.AccessLevel]
+        held.value = ua.DataValue(ua.Variant(1, ua.VariantType.Byte))
+        with pytest.raises(ua.UaStatusCodeError, match="BadNotWritable"):
+            await node.write_value(6.5)
+        NodeBuilder(space).remove(nodes.value)
+        with pytest.raises(ua.UaStatusCodeError, match="BadNodeIdUnknown"):
+            await node.write_value(6.5)
+
+
+def _call(rng: random.Random, hardened: Door) -> Any:
+    objects, methods = ua.NodeId(ua.ObjectIds.ObjectsFolder), hardened.nodes.methods
+    named = [method for name, method in methods.items() if name != "sleeps"]
+    request = ua.CallRequest()
+    calls = []
+    for _ in range(rng.choice((0, 1, 1, 1, 4))):
+        owner = rng.choice((objects, objects, objects, objects, ua.NodeId(ua.ObjectIds.Server), ua.NodeId("x", 2)))
+        method = rng.choice((*named, methods["add"], methods["add"], hardened.nodes.value, ua.NodeId("y", 2)))
+        kind = rng.choice((ua.VariantType.Int64, ua.VariantType.Int64, ua.VariantType.Int32))
+        arguments = [ua.Variant(rng.randrange(100), kind) for _ in range(rng.choice((0, 2, 2, 2, 3)))]
+        if arguments and rng.random() < 0.2:
+            arguments[0] = rng.choice((ua.Variant([1], kind), ua.Variant("x"), ua.Variant()))
+        calls.append(ua.CallMethodRequest(owner, method, arguments))
+    request.Parameters = ua.CallParameters(calls)
+    return request
+
+
+@pytest.mark.parametrize("user", ["olga", "oscar"])
+async def test_calls_are_answered_and_done_alike_by_both_ways(
+    tmp_path: Path, identities: Identities, user: str
+) -> None:
+    rng = random.Random(20)
+    async with door(tmp_path, identities) as hardened, hardened.connected(user) as client:
+        paths, called = Paths(hardened, client), hardened.nodes.called
+        written = Written(hardened, [])
+
+        def left() -> Any:
+            taken = list(called)
+            called.clear()
+            return taken, written()
+
+        seen: set[bytes] = set()
+        for _ in range(COUNT):
+            body, start = paths.encoded(_call(rng, hardened))
+            if rng.random() < 0.3:
+                body = mutated(rng, bytearray(body), start)
+            seen.add(await paths.compare("Call", body, left))
+        assert len(seen) > (COUNT // 5 if user == "oscar" else 5)
+
+
+async def test_a_call_of_what_has_changed_since_is_done_as_it_is_now(tmp_path: Path, identities: Identities) -> None:
+    async with door(tmp_path, identities) as hardened, hardened.connected("oscar") as client:
+        space, nodes, server = hardened.server.iserver.aspace, hardened.nodes, hardened.server
+        objects, add = client.nodes.objects, nodes.methods["add"]
+        assert [await objects.call_method(add, number, 1) for number in (1, 2, 3)] == [2, 3, 4]
+        inputs: Any = await server.get_node(add).get_child("0:InputArguments")
+        held: Any = space[inputs.nodeid].attributes[ua.AttributeIds.Value]
+        before = held.value
+        held.value = ua.DataValue(ua.Variant(before.Value.Value[:1]))
+        with pytest.raises(ua.UaStatusCodeError, match="BadTooManyArguments"):
+            await objects.call_method(add, 1, 1)
+        held.value = before
+        space[add].call = None
+        with pytest.raises(ua.UaStatusCodeError, match="BadNotImplemented"):
+            await objects.call_method(add, 1, 1)
+        owner = space[objects.nodeid]
+        owner.references[:] = [each for each in owner.references if each.NodeId != add]
+        with pytest.raises(ua.UaStatusCodeError, match="BadMethodInvalid"):
+            await objects.call_method(add, 1, 1)
+        NodeBuilder(space).remove(add)
+        with pytest.raises(ua.UaStatusCodeError, match="BadMethodInvalid"):
+            await objects.call_method(add, 1, 1)
+
+
+def _items(rng: random.Random, targets: list[Any], subscription: int) -> Any:
+    request = ua.CreateMonitoredItemsRequest()
+    request.Parameters.SubscriptionId = subscription
+    request.Parameters.TimestampsToReturn = rng.choice((0, 1, 2, 2, 3, 4))
+    for _ in range(rng.choice((0, 1, 1, 5))):
+        target = ua.ReadValueId(rng.choice(targets), rng.choice((13, 13, 13, rng.randrange(28))))
+        target.IndexRange = rng.choice((None, None, None, "1:2", "x"))
+        wanted = rng.choice((None, None, None, ua.DataChangeFilter(ua.DataChangeTrigger.StatusValue, 1, 0.5)))
+        interval, size = rng.choice((0.0, 100.0, -1.0)), rng.choice((0, 1, 7))
+        parameters = ua.MonitoringParameters(rng.randrange(9), interval, wanted, size, rng.random() < 0.5)
+        mode = rng.choice(tuple(ua.MonitoringMode))
+        request.Parameters.ItemsToCreate.append(ua.MonitoredItemCreateRequest(target, mode, parameters))
+    return request
+
+
+async def test_items_are_created_alike_however_they_are_decoded(
+    tmp_path: Path, identities: Identities, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = random.Random(21)
+    async with door(tmp_path, identities) as hardened, hardened.connected("oscar") as client:
+        paths, targets = Paths(hardened, client), _targets(hardened)
+        made = (await create_subscription(client, RequestedPublishingInterval=1_000)).SubscriptionId
+        subscription: Any = hardened.server.iserver.subscription_service.subscriptions[made]
+        items = subscription.items
+
+        def left() -> Any:
+            names = ("id", "node_id", "mode", "client_handle", "discard_oldest", "queue_size")
+            found = [[getattr(item, name) for name in names] for item in items]
+            items.remove_all()
+            subscription._pending.clear()
+            items._last_id = 0
+            return found
+
+        seen: set[bytes] = set()
+        for _ in range(COUNT):
+            body, start = paths.encoded(_items(rng, targets, made))
+            if rng.random() < 0.3:
+                body = mutated(rng, bytearray(body), start)
+            with monkeypatch.context() as patch:
+                patch.setattr(decoding, "PLAIN", {})
+                expected = await paths._answer(body), left()
+            assert (await paths._answer(body), left()) == expected
+            seen.add(expected[0])
+        assert len(seen) > COUNT // 5
+
+
+def _history(rng: random.Random, targets: list[Any]) -> Any:
+    request = ua.HistoryReadRequest()
+    details = ua.ReadRawModifiedDetails(False, NOW, NOW, rng.randrange(5), rng.random() < 0.5)
+    request.Parameters.HistoryReadDetails = rng.choice((details, details, ua.ReadAtTimeDetails([NOW], False)))
+    request.Parameters.TimestampsToReturn = rng.choice((0, 1, 2, 3))
+    request.Parameters.ReleaseContinuationPoints = rng.random() < 0.1
+    for _ in range(rng.choice((0, 1, 3))):
+        node = ua.HistoryReadValueId(rng.choice(targets), rng.choice((None, None, "1")))
+        node.ContinuationPoint = rng.choice((None, None, b"", b"x" * 48))
+        request.Parameters.NodesToRead.append(node)
+    return request
+
+
+async def test_histories_are_read_alike_however_they_are_asked_for(
+    tmp_path: Path, identities: Identities, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = random.Random(22)
+    async with door(tmp_path, identities) as hardened, hardened.connected("oscar") as client:
+        paths, targets = Paths(hardened, client), _targets(hardened)
+        seen: set[bytes] = set()
+        for _ in range(COUNT):
+            body, start = paths.encoded(_history(rng, targets))
+            if rng.random() < 0.3:
+                body = mutated(rng, bytearray(body), start)
+            with monkeypatch.context() as patch:
+                patch.setattr(decoding, "PLAIN", {})
+                expected = await paths._answer(body)
+            assert await paths._answer(body) == expected
+            seen.add(expected)
+        assert len(seen) > 5

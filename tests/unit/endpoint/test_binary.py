@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import random
 import re
 from typing import Any
@@ -14,7 +15,9 @@ from tests.attacks.bombs import BombMaker
 from ua_fleet.endpoint.binary.data_values import encode_data_value, with_times
 from ua_fleet.endpoint.binary.decoders import PLAIN, decode_plain
 from ua_fleet.endpoint.binary.encoders import encode
+from ua_fleet.endpoint.binary.session_requests import decode_session_request
 from ua_fleet.endpoint.chunks import HEAD, LAST, SEQUENCE, ChunkKeys, open_chunk, seal_chunk
+from ua_fleet.endpoint.decoding import BYTES_BEFORE_SESSION, OPERATIONS_BEFORE_SESSION, decode_parameters
 from ua_fleet.endpoint.monitoring import with_timestamps
 from ua_fleet.endpoint.scan import Scan, step_of
 from ua_fleet.endpoint.stack import DECODE_ERRORS, Refusal
@@ -23,7 +26,7 @@ ua: Any = importlib.import_module("asyncua.ua")
 binary: Any = importlib.import_module("asyncua.ua.ua_binary")
 ciphers: Any = importlib.import_module("cryptography.hazmat.primitives.ciphers")
 
-STRUCTURES = 6_000
+STRUCTURES = 100_000 if os.environ.get("UA_FLEET_ALL_MUTATIONS") else 2_000
 OPERATIONS = 6_000
 MEMORY = 64 * 1024 * 1024
 FINER = re.compile(r"SourcePicoseconds=\d")
@@ -60,7 +63,7 @@ def test_each_structure_has_the_bytes_that_asyncua_makes() -> None:
 def test_generated_structures_have_the_bytes_that_asyncua_makes() -> None:
     maker = BombMaker(3, 20)
     compared = 0
-    for _ in range(STRUCTURES):
+    while compared < STRUCTURES:
         kind = maker.random.choice(KINDS)
         made = _built(kind, maker.parameters(kind))
         if made is None or FINER.search(repr(made)):
@@ -73,7 +76,6 @@ def test_generated_structures_have_the_bytes_that_asyncua_makes() -> None:
             continue
         assert encode(made) == expected, made
         compared += 1
-    assert compared > STRUCTURES // 4
 
 
 def _operation(rng: random.Random, kind: Any) -> Any:
@@ -103,6 +105,11 @@ def _operation(rng: random.Random, kind: Any) -> Any:
         )
     if kind is ua.CallMethodRequest:
         return ua.CallMethodRequest(node, node, rng.choice((None, [], [value], [value] * 3)))
+    if kind is ua.SubscriptionAcknowledgement:
+        return ua.SubscriptionAcknowledgement(number, number + 1)
+    if kind is ua.HistoryReadValueId:
+        point = rng.choice((None, b"", b"x" * 48, b"x" * 2_000))
+        return ua.HistoryReadValueId(node, wanted.IndexRange, wanted.DataEncoding, point)
     if kind is ua.BrowseDescription:
         return ua.BrowseDescription(node, rng.randrange(3), ua.NodeId(33), rng.random() < 0.5, number, 63)
     parameters = ua.MonitoringParameters(number, 1.5, None, number, rng.random() < 0.5)
@@ -134,6 +141,46 @@ def test_a_plain_operation_is_what_asyncua_builds_and_costs_what_the_scan_charge
         assert repr(value) == repr(expected)
         plain += 1
     assert plain > OPERATIONS // len(PLAIN) // 10
+
+
+def _session_request(rng: random.Random) -> Any:
+    def text() -> Any:
+        return rng.choice((None, "", "urn:x", "\u00e4" * 9))
+
+    def signature() -> Any:
+        return ua.SignatureData(text(), rng.choice((None, b"", b"s" * 256)))
+
+    if rng.random() < 0.5:
+        name = ua.LocalizedText(text(), text())
+        urls = rng.choice((None, [], ["opc.tcp://x"], ["x"] * 20))
+        kind = rng.choice(tuple(ua.ApplicationType))
+        client = ua.ApplicationDescription(text(), text(), name, kind, text(), text(), urls)
+        nonce, size = rng.choice((None, b"n" * 32)), rng.randrange(1_000)
+        return ua.CreateSessionParameters(client, text(), text(), text(), nonce, b"c" * size, rng.random(), size)
+    token = rng.choice(
+        (
+            ua.AnonymousIdentityToken(text()),
+            ua.UserNameIdentityToken(text(), text(), rng.choice((None, b"p" * 256)), text()),
+            ua.X509IdentityToken(text(), b"c" * 900),
+            ua.ExtensionObject(),
+        )
+    )
+    certificates = [ua.SignedSoftwareCertificate(b"c", b"s")] if rng.random() < 0.1 else []
+    return ua.ActivateSessionParameters(signature(), certificates, rng.choice((None, [], ["en"])), token, signature())
+
+
+async def test_a_plain_request_for_a_session_is_what_asyncua_builds() -> None:
+    rng = random.Random(6)
+    plain = 0
+    for _ in range(OPERATIONS // 2):
+        made = _session_request(rng)
+        data = _damaged(rng, binary.struct_to_binary(made))
+        found = decode_session_request(type(made), data)
+        if found is not None:
+            limits: Any = {"most_operations": OPERATIONS_BEFORE_SESSION, "most_memory": BYTES_BEFORE_SESSION}
+            assert repr(found) == repr(await decode_parameters(type(made), Buffer(data), **limits))
+            plain += 1
+    assert plain > OPERATIONS // 8
 
 
 TIME = ua.win_epoch_to_datetime(133_000_000_000_000_000)

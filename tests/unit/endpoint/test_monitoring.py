@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
@@ -10,6 +11,7 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace, AttributeValue, NodeData
 
 from ua_fleet.endpoint import monitoring
+from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.monitored_items import MonitoredItems
 from ua_fleet.endpoint.monitoring import DataItem, Item
 from ua_fleet.endpoint.queues import Queues
@@ -212,3 +214,25 @@ def made_by(owner: Owner, item_id: int, space: AddressSpace) -> DataItem:
     request.MonitoringMode = ua.MonitoringMode.Reporting
     request.RequestedParameters.Filter = None
     return DataItem(owner, item_id, request, 1, None, ua.TimestampsToReturn.Both, space, interval_s=60.0)
+
+
+@pytest.mark.parametrize(
+    "wanted", [each for each in ua.TimestampsToReturn if each is not ua.TimestampsToReturn.Invalid]
+)
+@pytest.mark.parametrize("content", [1.5, "text", [1, 2], None, "x" * 2_000])
+def test_several_are_told_the_bytes_that_one_is_told(content: Any, wanted: ua.TimestampsToReturn) -> None:
+    def misfit(what: str, error: Exception) -> None:
+        raise AssertionError(what) from error
+
+    time: Any = datetime(2026, 1, 1, tzinfo=UTC)
+    held = HeldValue(ua.DataValue(ua.Variant(content), GOOD, time, time))
+    assert held.value is not None
+    told = item()
+    told.timestamps = wanted
+    expected = told.encode(held.value, 10_000, misfit)
+    told.source = held
+    for watchers in (1, 2, 3):
+        held.datachange_callbacks[watchers] = told.changed
+        assert told.encode(held.value, 10_000, misfit) == expected
+        assert (held.encoded is not None) == (watchers > 1 and len(expected) < 1_000)
+    assert told.encode(held.value, 3, misfit) == told.encode(ua.DataValue(ua.Variant(content), GOOD), 3, misfit)

@@ -197,7 +197,7 @@ def test_an_additional_header_is_passed_and_not_decoded() -> None:
     for additional in (b"\0\0\0", b"\1\0\x75\x03\1" + length(len(bomb)) + bomb, b"\0\0\2" + length(3) + b"<a>"):
         body = Buffer(_head(additional) + b"parameters")
         head = decode_request_head(body)
-        assert (head.kind, head.token.Identifier, head.handle, head.timeout_hint_ms) == (430, b"abc", 7, 5)
+        assert (head.kind, head.token, head.handle, head.timeout_hint_ms) == (430, b"abc", 7, 5)
         assert bytes(body) == b"parameters"
 
 
@@ -253,3 +253,18 @@ def test_what_has_no_picoseconds_is_encoded_as_by_asyncua() -> None:
         ua.ReadValueId(),
     ):
         assert encode(value) == binary.struct_to_binary(value)
+
+
+@pytest.mark.parametrize(
+    "token", [b"\x00\x00", b"\x00\x07", b"\x01\x00\x00\x00", b"\x05\x00\x00" + length(32) + b"t" * 32]
+)
+def test_a_common_header_is_read_as_any_other(token: bytes) -> None:
+    data = (
+        b"\x01\x00" + struct.pack("<H", 461) + token + struct.pack("<qII", 1, 7, 3) + length(-1) + length(5) + bytes(3)
+    )
+    body, entry = Buffer(data + b"parameters"), Buffer(data.replace(length(-1), length(0)))
+    head = decode_request_head(body)
+    assert head == decode_request_head(entry)
+    assert (head.kind, head.handle, head.diagnostics, head.timeout_hint_ms) == (461, 7, 3, 5)
+    assert head.token == (b"t" * 32 if len(token) > 32 else None)
+    assert bytes(body) == b"parameters"

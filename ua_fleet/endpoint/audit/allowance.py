@@ -77,34 +77,51 @@ class Allowances:
         """Those of the accounts that are addresses. New ones push out the oldest of these, and never a user: there are
         as many as there are users, and one whose account is forgotten would have a new allowance. An address gains
         nothing by that, since all addresses have one more together."""
+        self._last: tuple[Caller, _Account] | None = None
+        """Whose user's account was asked for last: the lines of a request are of one caller."""
         self._strangers = STRANGERS.budget()
         self._pushed_out: list[Omitted] = []
 
     def take(self, caller: Caller, kind: str, now: float, value: str = "") -> bool:
         """Whether a line of this kind may be written; otherwise it is counted for the next sum, with its last value."""
-        name = caller.counts_as
-        account = self._accounts.get(name)
-        if account is None:
-            account = self._accounts[name] = _Account(self._share.budget())
-            if caller.is_stranger:
-                self._addresses[name] = None
-                self._push_out()
         if caller.is_stranger:
-            self._addresses.move_to_end(name)
-        budgets = (account.budget, self._strangers) if caller.is_stranger else (account.budget,)
-        if all(now >= budget.at() for budget in budgets):
-            for budget in budgets:
-                budget.spend(now)
-            return True
-        if account.omitted is None:
-            shown = Caller(caller.client, caller.user, caller.role) if not caller.is_stranger else Caller(name)
-            account.omitted = Omitted(shown, now)
+            account = self._address(caller.counts_as)
+            if now >= account.budget.at() and self._strangers.take(now):
+                account.budget.spend(now)
+                return True
+        else:
+            account = self._user(caller)
+            if account.budget.take(now):
+                return True
         omitted = account.omitted
+        if omitted is None:
+            shown = Caller(caller.counts_as) if caller.is_stranger else Caller(caller.client, caller.user, caller.role)
+            omitted = account.omitted = Omitted(shown, now)
         kind = kind if kind in omitted.kinds or len(omitted.kinds) < MAX_KINDS else "other"
         omitted.kinds[kind] += 1
         if value:
             omitted.last[kind] = value
         return False
+
+    def _user(self, caller: Caller) -> _Account:
+        """The account of a user, which is never forgotten."""
+        if self._last is not None and self._last[0] is caller:
+            return self._last[1]
+        name = caller.counts_as
+        account = self._accounts.get(name)
+        if account is None:
+            account = self._accounts[name] = _Account(self._share.budget())
+        self._last = caller, account
+        return account
+
+    def _address(self, name: str) -> _Account:
+        account = self._accounts.get(name)
+        if account is None:
+            account = self._accounts[name] = _Account(self._share.budget())
+            self._addresses[name] = None
+            self._push_out()
+        self._addresses.move_to_end(name)
+        return account
 
     def _push_out(self) -> None:
         while len(self._addresses) > MAX_NAMES:

@@ -13,6 +13,7 @@ __all__ = ["Caller", "summary"]
 
 MAX_SUMMARY: Final = 200
 MAX_ITEMS: Final = 8
+_NUMBERS: Final = (float, int, bool)
 _DEEPEST: Final = 2
 """Levels of nested values that are shown."""
 
@@ -44,7 +45,7 @@ class Caller:
 
 def summary(value: Any) -> str:
     """A value as short text for one line of the log; it takes no longer for a large value than for a small one."""
-    text = _summary(value, 0)
+    text = repr(value) if type(value) in _NUMBERS else _summary(value, 0)
     return text if len(text) <= MAX_SUMMARY else text[:MAX_SUMMARY] + ".."
 
 

@@ -17,6 +17,7 @@ from typing import Any, Final, cast
 __all__ = ["BEGIN", "ChainLink", "digest_of", "encode_line", "link_of", "now_text", "parse_line"]
 
 NO_LINE: Final = "0" * 64
+_encode: Final = json.JSONEncoder(ensure_ascii=True, default=str).encode
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,7 @@ def now_text() -> str:
 def encode_line(record: Mapping[str, Any], after: ChainLink) -> tuple[bytes, ChainLink]:
     """A record as a line without its newline, in ASCII, and where the chain ends with it."""
     chained = {**record, "seq": after.seq + 1, "prev": after.digest}
-    line = json.dumps(chained, ensure_ascii=True, default=str).encode()
+    line = _encode(chained).encode()
     return line, ChainLink(after.seq + 1, digest_of(line))
 
 

@@ -103,19 +103,20 @@ class AuditLog:
         Each item has a `status`, the name of a StatusCode. All that is not Good counts as a refusal.
         """
         now = self._clock()
-        head = _head(event, caller)
+        head: dict[str, Any] | None = None
         records: list[Mapping[str, Any]] = []
         written: list[bool] = []
-        refused = False
+        refused, changes = False, event in _FREE and caller.role in _FREE_ROLES
         for item in items:
             is_good = item["status"] == "Good"
-            if is_good and event in _FREE and caller.role in _FREE_ROLES:
+            if is_good and changes:
                 kind = f"{event} {item.get('node') or item.get('method', '')}"
                 may = self._changes.take(caller, kind, now, str(item.get("value", "")))
             else:
                 may = self._allowances.take(caller, f"{item.get('what', event)} {item['status']}", now)
             written.append(may)
             if may:
+                head = head or _head(event, caller)
                 records.append({**head, **item})
                 refused = refused or not is_good
         self.omitted += written.count(False)

@@ -6,4 +6,7 @@ decoders.py       strict decoding of what requests are made of
 data_values.py    bytes of DataValues, kept beside the value until it changes
 read.py           Read: from the request's bytes to the response's
 browse.py         references of nodes, encoded once
+write.py, call.py  what is written or called, known by the bytes that name it
+session_requests.py  strict decoding of CreateSession and ActivateSession
+targets.py        what is known by its bytes, and for how long
 """

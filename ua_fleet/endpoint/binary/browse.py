@@ -17,7 +17,7 @@ from asyncua.common.utils import Buffer
 
 from ua_fleet.endpoint.answers import ArrayResponse
 from ua_fleet.endpoint.context import EndpointContext
-from ua_fleet.endpoint.decoding import decode_operation
+from ua_fleet.endpoint.decoding import decode_operation, operations_of
 from ua_fleet.endpoint.request import ServiceRequest
 from ua_fleet.endpoint.scan import Scan, step_of
 from ua_fleet.endpoint.stack import Refusal
@@ -75,16 +75,11 @@ class BrowsePlan:
             return None
         view, _, _, wish, count = _HEAD.unpack_from(data, start)
         limits = self._limits
-        scan = Scan(data, start + _HEAD.size, len(data), limits.request_memory_bytes)
-        if not (
-            view == _NO_VIEW
-            and 0 < count <= limits.nodes_per_request
-            and count * _STEP.least <= len(data) - scan.position
-            and count * _STEP.memory + _VIEW_MEMORY <= scan.memory
-        ):
+        scan = operations_of(data, start + _HEAD.size, count, _STEP, limits, around=_VIEW_MEMORY)
+        if scan is None or view != _NO_VIEW:
             return None
         portion = min(limits.references_per_node, wish or limits.references_per_node)
-        portions = BrowsePortions(request.session, ua.BrowseResponse(), self._context)
+        portions = BrowsePortions(request.session, ua.BrowseResponse, self._context)
         for _ in range(count):
             self._one(scan, portions, portion)
             await request.turns.end(portions.answer.size)

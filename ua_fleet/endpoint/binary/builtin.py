@@ -51,6 +51,9 @@ _TWO_BYTE: Final = ua.NodeIdType.TwoByte
 _FOUR_BYTE: Final = ua.NodeIdType.FourByte
 _NUMERIC: Final = ua.NodeIdType.Numeric
 _STRING: Final = ua.NodeIdType.String
+_OPAQUE: Final = ua.NodeIdType.ByteString
+_GUID: Final = ua.NodeIdType.Guid
+_GUID_HEAD: Final = struct.Struct("<BH")
 _TWO: Final = struct.Struct("<BB")
 _FOUR: Final = struct.Struct("<BBH")
 _SEVEN: Final = struct.Struct("<BHI")
@@ -93,6 +96,10 @@ def encode_node_id(node_id: Any) -> bytes:
             return _NAMED.pack(3, node_id.NamespaceIndex, len(data)) + data
         if kind is _NUMERIC:
             return _SEVEN.pack(2, node_id.NamespaceIndex, node_id.Identifier)
+        if kind is _OPAQUE and isinstance(node_id.Identifier, bytes):
+            return _NAMED.pack(5, node_id.NamespaceIndex, len(node_id.Identifier)) + node_id.Identifier
+        if kind is _GUID:
+            return _GUID_HEAD.pack(4, node_id.NamespaceIndex) + node_id.Identifier.bytes_le
     return nodeid_to_binary(node_id)
 
 

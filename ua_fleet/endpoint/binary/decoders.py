@@ -17,8 +17,9 @@ from asyncua import ua
 
 from ua_fleet.endpoint.binary.builtin import NUMBERS
 from ua_fleet.endpoint.scan import step_of
+from ua_fleet.endpoint.stack import GOOD
 
-__all__ = ["PLAIN", "decode_plain"]
+__all__ = ["PLAIN", "decode_plain", "decode_plain_arguments", "decode_plain_value"]
 
 _Plain = Callable[[bytes, int], tuple[Any, int, int]]
 """A value, where it ends, and the memory that it is charged beyond what its type is."""
@@ -33,8 +34,12 @@ _AFTER_NODE_ID: Final = struct.Struct("<I4sh4s")
 """AttributeId, and no IndexRange and DataEncoding."""
 _PARAMETERS: Final = struct.Struct("<iId3sIB")
 """MonitoringMode, ClientHandle, SamplingInterval, no filter, QueueSize, DiscardOldest."""
-_VALUE_HEAD: Final = struct.Struct("<I4sB")
-"""AttributeId, no IndexRange, and the mask of the DataValue."""
+_VALUE_HEAD: Final = struct.Struct("<I4s")
+"""AttributeId, and no IndexRange."""
+_TWO_NUMBERS: Final = struct.Struct("<II")
+_HISTORY_NODE: Final = struct.Struct("<4sh4si")
+"""No IndexRange and DataEncoding, and the length of the ContinuationPoint."""
+_MOST_POINT: Final = 1_024
 _DIRECTION: Final = struct.Struct("<i")
 _WISHES: Final = struct.Struct("<?II")
 """IncludeSubtypes, NodeClassMask, ResultMask."""
@@ -43,6 +48,7 @@ _NO_OBJECT: Final = b"\x00\x00\x00"
 _MOST_ARGUMENTS: Final = 64
 _WITH_VALUE, _WITH_CODE, _WITH_SOURCE, _WITH_SERVER = 1, 2, 4, 8
 """Bits of a DataValue's mask; those of picoseconds are not plain."""
+_WITH_ANY: Final = _WITH_CODE | _WITH_SOURCE | _WITH_SERVER
 _TWO_BYTE: Final = ua.NodeIdType.TwoByte
 _FOUR_BYTE: Final = ua.NodeIdType.FourByte
 _NUMERIC: Final = ua.NodeIdType.Numeric
@@ -66,8 +72,22 @@ def decode_plain(kind: Any, data: bytes, position: int) -> tuple[Any, int, int] 
 
     Returns the operation, where it ends, and the memory that it is charged beyond what its class is.
     """
+    return _plain(PLAIN[kind], data, position)
+
+
+def decode_plain_value(data: bytes, position: int) -> tuple[Any, int, int] | None:
+    """As `decode_plain`, a DataValue: of a number or a text, with no picoseconds."""
+    return _plain(_data_value, data, position)
+
+
+def decode_plain_arguments(data: bytes, position: int) -> tuple[list[Any], int, int] | None:
+    """As `decode_plain`, the InputArguments of a Call: numbers and texts."""
+    return _plain(_arguments, data, position)
+
+
+def _plain(decode: _Plain, data: bytes, position: int) -> tuple[Any, int, int] | None:
     try:
-        value, end, memory = PLAIN[kind](data, position)
+        value, end, memory = decode(data, position)
     except (_NotPlainError, struct.error, IndexError, ValueError):
         return None
     return (value, end, memory) if end <= len(data) else None
@@ -117,7 +137,7 @@ def _variant(data: bytes, position: int) -> tuple[Any, int, int]:
 
 
 def _scalar(value: Any, variant_type: ua.VariantType) -> Any:
-    variant: Any = object.__new__(ua.Variant)
+    variant: Any = object.__new__(ua.Variant)  # what its class makes sure of is so here
     variant.Value, variant.VariantType, variant.Dimensions, variant.is_array = value, variant_type, None, False
     return variant
 
@@ -131,26 +151,44 @@ def _read_value_id(data: bytes, position: int) -> tuple[Any, int, int]:
     return ua.ReadValueId(node_id, attribute, None, encoding), at + _AFTER_NODE_ID.size, 0
 
 
+def _data_value(data: bytes, position: int) -> tuple[Any, int, int]:
+    """A value with no picoseconds."""
+    mask = data[position]
+    if mask & ~_WITH_ANY != _WITH_VALUE:
+        raise _NotPlainError
+    value: Any = object.__new__(ua.DataValue)
+    value.Encoding, value.StatusCode = 0, GOOD
+    value.SourceTimestamp = value.ServerTimestamp = value.SourcePicoseconds = value.ServerPicoseconds = None
+    value.Value, at, memory = _variant(data, position + 1)
+    if mask & _WITH_CODE:
+        value.StatusCode = ua.StatusCode(_NUMBER.unpack_from(data, at)[0])
+        at += _NUMBER.size
+    if mask & _WITH_SOURCE:
+        value.SourceTimestamp = ua.win_epoch_to_datetime(_TIME.unpack_from(data, at)[0])
+        at += _TIME.size
+    if mask & _WITH_SERVER:
+        value.ServerTimestamp = ua.win_epoch_to_datetime(_TIME.unpack_from(data, at)[0])
+        at += _TIME.size
+    return value, at, memory
+
+
 def _write_value(data: bytes, position: int) -> tuple[Any, int, int]:
     node_id, at = _node_id(data, position)
-    attribute, index_range, mask = _VALUE_HEAD.unpack_from(data, at)
-    if index_range != _NULL or mask & ~(_WITH_CODE | _WITH_SOURCE | _WITH_SERVER) != _WITH_VALUE:
+    attribute, index_range = _VALUE_HEAD.unpack_from(data, at)
+    if index_range != _NULL:
         raise _NotPlainError
-    variant, at, memory = _variant(data, at + _VALUE_HEAD.size)
-    parts: dict[str, Any] = {}
-    if mask & _WITH_CODE:
-        parts["StatusCode"] = ua.StatusCode(_NUMBER.unpack_from(data, at)[0])
-        at += _NUMBER.size
-    for bit, name in ((_WITH_SOURCE, "SourceTimestamp"), (_WITH_SERVER, "ServerTimestamp")):
-        if mask & bit:
-            parts[name] = ua.win_epoch_to_datetime(_TIME.unpack_from(data, at)[0])
-            at += _TIME.size
-    return ua.WriteValue(node_id, attribute, None, ua.DataValue(variant, **parts)), at, memory
+    value, at, memory = _data_value(data, at + _VALUE_HEAD.size)
+    return ua.WriteValue(node_id, attribute, None, value), at, memory
 
 
 def _call_method_request(data: bytes, position: int) -> tuple[Any, int, int]:
     object_id, at = _node_id(data, position)
     method_id, at = _node_id(data, at)
+    arguments, at, memory = _arguments(data, at)
+    return ua.CallMethodRequest(object_id, method_id, arguments), at, memory
+
+
+def _arguments(data: bytes, at: int) -> tuple[list[Any], int, int]:
     (count,) = _LENGTH.unpack_from(data, at)
     if not 0 <= count <= _MOST_ARGUMENTS:
         raise _NotPlainError
@@ -161,7 +199,7 @@ def _call_method_request(data: bytes, position: int) -> tuple[Any, int, int]:
         variant, at, taken = _variant(data, at)
         memory += taken
         arguments.append(variant)
-    return ua.CallMethodRequest(object_id, method_id, arguments), at, memory
+    return arguments, at, memory
 
 
 def _monitored_item_create_request(data: bytes, position: int) -> tuple[Any, int, int]:
@@ -172,6 +210,22 @@ def _monitored_item_create_request(data: bytes, position: int) -> tuple[Any, int
     parameters = ua.MonitoringParameters(handle, interval, ua.ExtensionObject(), queue_size, discards != 0)
     wanted = ua.MonitoredItemCreateRequest(target, ua.MonitoringMode(mode), parameters)
     return wanted, at + _PARAMETERS.size, 0
+
+
+def _acknowledgement(data: bytes, position: int) -> tuple[Any, int, int]:
+    subscription_id, sequence = _TWO_NUMBERS.unpack_from(data, position)
+    return ua.SubscriptionAcknowledgement(subscription_id, sequence), position + _TWO_NUMBERS.size, 0
+
+
+def _history_read_value_id(data: bytes, position: int) -> tuple[Any, int, int]:
+    node_id, at = _node_id(data, position)
+    index_range, namespace, name, length = _HISTORY_NODE.unpack_from(data, at)
+    at += _HISTORY_NODE.size
+    if index_range != _NULL or name != _NULL or not -1 <= length <= _MOST_POINT:
+        raise _NotPlainError
+    point = None if length < 0 else data[at : at + length]
+    at += max(length, 0)
+    return ua.HistoryReadValueId(node_id, None, ua.QualifiedName(None, namespace), point), at, 0
 
 
 def _browse_description(data: bytes, position: int) -> tuple[Any, int, int]:
@@ -189,5 +243,7 @@ PLAIN: Final[dict[Any, _Plain]] = {
     ua.CallMethodRequest: _call_method_request,
     ua.MonitoredItemCreateRequest: _monitored_item_create_request,
     ua.BrowseDescription: _browse_description,
+    ua.SubscriptionAcknowledgement: _acknowledgement,
+    ua.HistoryReadValueId: _history_read_value_id,
 }
 """Decoders by the class of what they build."""

@@ -9,7 +9,7 @@ fixed size are packed in one go. A test holds the bytes of generated structures 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
 from enum import Enum, IntFlag
 from typing import Any, Final
@@ -35,12 +35,20 @@ from ua_fleet.endpoint.binary.builtin import (
 from ua_fleet.endpoint.binary.data_values import encode_data_value
 from ua_fleet.endpoint.scan import FieldPart, steps_of
 
-__all__ = ["encode", "encode_extension_object"]
+__all__ = ["EncodedArray", "encode", "encode_array", "encode_extension_object"]
 
 _Encoder = Callable[[Any], bytes]
 
+
+class EncodedArray(bytes):
+    """An array of a structure as bytes, which stands in the structure in place of its elements."""
+
+    __slots__ = ()
+
+
 _LENGTH: Final = struct.Struct("<i")
 _NULL: Final = b"\xff\xff\xff\xff"
+_NO_OBJECT: Final = b"\x00\x00\x00"
 
 
 def encode(structure: Any) -> bytes:
@@ -51,8 +59,17 @@ def encode(structure: Any) -> bytes:
     return encoder(structure)
 
 
+def encode_array(structures: Sequence[Any]) -> EncodedArray:
+    """An array of structures."""
+    return EncodedArray(_LENGTH.pack(len(structures)) + b"".join(map(encode, structures)))
+
+
 def encode_extension_object(structure: Any) -> bytes:
     """An ExtensionObject, or a structure in one."""
+    if type(structure) is ua.ExtensionObject and structure.Body is None:
+        head = encode_node_id(structure.TypeId) + b"\x00"
+        if head == _NO_OBJECT:
+            return head
     type_id = ua.typeid_by_extension_objects.get(type(structure)) if structure is not None else None
     if type_id is None or isinstance(structure, ua.ExtensionObject):
         data: bytes = extensionobject_to_binary(structure)
@@ -152,6 +169,8 @@ def _list_of(one: _Encoder) -> _Encoder:
     def encode_list(values: Any) -> bytes:
         if values is None:
             return _NULL
+        if type(values) is EncodedArray:
+            return values
         return _LENGTH.pack(len(values)) + b"".join([one(value) for value in values])
 
     return encode_list

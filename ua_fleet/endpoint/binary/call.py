@@ -1,0 +1,140 @@
+"""Call (OPC 10000-4 5.12.2) from the bytes of a request.
+
+The bytes of an Object's and a Method's NodeIds are the key to the Method that they name and its InputArguments; numbers
+and texts behind them are decoded in one pass. All else is scanned and decoded by asyncua. The whole request is decoded
+before the first Method is called. `methods` has the rules, and asks anew at each call who may call what.
+"""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+import struct
+from typing import Any, Final
+
+from asyncua import ua
+from asyncua.common.utils import Buffer
+
+from ua_fleet.endpoint.answers import ArrayResponse
+from ua_fleet.endpoint.binary.decoders import decode_plain_arguments
+from ua_fleet.endpoint.binary.targets import LONGEST_KEY, Targets, node_id_bytes
+from ua_fleet.endpoint.context import EndpointContext
+from ua_fleet.endpoint.decoding import decode_operation, operations_of, share_of
+from ua_fleet.endpoint.methods import FoundMethod, MethodServices
+from ua_fleet.endpoint.request import ServiceRequest
+from ua_fleet.endpoint.scan import Scan, step_of
+from ua_fleet.endpoint.stack import Refusal
+
+__all__ = ["CallPlan"]
+
+_HEAD: Final = struct.Struct("<i")
+"""Number of MethodsToCall."""
+_STEP: Final = step_of(ua.CallMethodRequest)
+
+
+class _Target:
+    """A Method of an Object, and by what it was found."""
+
+    __slots__ = ("_arguments", "_index", "_own", "_owner", "_reference", "found", "method_id", "object_id")
+
+    def __init__(self, wanted: ua.CallMethodRequest, owner: Any, index: int, found: FoundMethod, held: Any) -> None:
+        """Remember a Method.
+
+        Args:
+            wanted: a call of it.
+            owner: the Object.
+            index: which of the Object's references leads to it.
+            found: the Method.
+            held: holds its InputArguments; None where it has none.
+        """
+        self.object_id, self.method_id, self.found = wanted.ObjectId, wanted.MethodId, found
+        self._owner, self._index, self._reference = owner, index, owner.references[index]
+        self._own = list(found.node.references)
+        self._arguments = None if held is None else (held, held.value)
+
+    @property
+    def is_as_it_was(self) -> bool:
+        """Whether the Object still has the Method, and this one its arguments."""
+        references, arguments = self._owner.references, self._arguments
+        return (
+            self._index < len(references)
+            and references[self._index] is self._reference
+            and self.found.node.references == self._own
+            and (arguments is None or arguments[0].value is arguments[1])
+        )
+
+
+_Operation = tuple[_Target | None, ua.CallMethodRequest]
+
+
+class CallPlan:
+    """Calls for all sessions of one server."""
+
+    def __init__(self, context: EndpointContext, methods: MethodServices) -> None:
+        self._aspace: Any = context.iserver.aspace
+        self._limits, self._methods = context.limits, methods
+        self._targets = Targets[_Target](context.iserver.aspace)
+
+    async def serve(self, request: ServiceRequest, data: bytes, start: int) -> ArrayResponse | None:
+        """The response; None for a request that is refused as a whole, or answered later: others know how.
+
+        Args:
+            request: whose it is.
+            data: the whole request.
+            start: where its parameters begin.
+
+        Raises:
+            Refusal: an operation is no valid encoding, or the request is not to go on.
+        """
+        if len(data) - start < _HEAD.size:
+            return None
+        (count,) = _HEAD.unpack_from(data, start)
+        limits, turns = self._limits, request.turns
+        scan = operations_of(data, start + _HEAD.size, count, _STEP, limits)
+        if scan is None or count > limits.calls_per_request:
+            return None
+        decoded: list[_Operation] = []
+        removed = self._targets.removed
+        for _ in range(count):
+            decoded.append(self._decoded(scan))
+            if turns.over:
+                await turns.end()
+        if count == 1 and self._methods.waits(decoded[0][1].MethodId):
+            return None
+        answer = ArrayResponse(ua.CallResponse, limits.response_bytes)
+        for target, wanted in decoded:
+            is_known = target is not None and removed == self._targets.removed and target.is_as_it_was
+            await self._methods.add(request, wanted, answer, target.found if target is not None and is_known else None)
+            if turns.is_due(answer.size):
+                await turns.end(answer.size)
+        return answer
+
+    def _decoded(self, scan: Scan) -> _Operation:
+        """The next operation."""
+        data, position = scan.data, scan.position
+        middle = position + node_id_bytes(data, position)
+        end = middle + node_id_bytes(data, middle)
+        target = self._targets.known().get(data[position:end])
+        scan.share = share_of(self._limits.request_memory_bytes)
+        scan.charge_built(_STEP.memory)
+        if target is not None and (plain := decode_plain_arguments(data, end)) is not None:
+            arguments, scan.position, memory = plain
+            scan.charge_built(memory)
+            return target, ua.CallMethodRequest(target.object_id, target.method_id, arguments)
+        wanted = decode_operation(ua.CallMethodRequest, _STEP.walk, scan, Buffer(data, position))
+        if position < middle < end <= position + LONGEST_KEY:
+            self._remember(data[position:end], wanted)
+        return target, wanted
+
+    def _remember(self, key: bytes, wanted: ua.CallMethodRequest) -> None:
+        """Know next time which Method this is, where it is the Object's own and named as that."""
+        try:
+            found = self._methods.find(wanted)
+        except Refusal:
+            return
+        owner = self._aspace[wanted.ObjectId]
+        index = next(
+            (at for at, each in enumerate(owner.references) if each.IsForward and each.NodeId == wanted.MethodId), None
+        )
+        if index is not None:
+            self._targets.known()[key] = _Target(wanted, owner, index, found, self._methods.arguments_of(found.node))

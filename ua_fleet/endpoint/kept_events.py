@@ -12,7 +12,7 @@ from asyncua.common.utils import Buffer
 from asyncua.ua.ua_binary import variant_from_binary
 
 from ua_fleet.endpoint.answers import Misfit
-from ua_fleet.endpoint.binary.builtin import encode_variant
+from ua_fleet.endpoint.binary.builtin import encode_content, encode_variant
 from ua_fleet.endpoint.convert import ticks_of
 from ua_fleet.endpoint.stack import ObjectIds, ns0
 from ua_fleet.history.events import KeptEvent, encode_event
@@ -57,7 +57,7 @@ class EventKeeper:
             fields: dict[str, bytes] = {}
             for name, kind in event.data_types.items():
                 value = getattr(event, name)
-                if value is not None and len(data := encode_variant(ua.Variant(value, kind))) <= MOST_FIELD_BYTES:
+                if value is not None and len(data := encode_content(value, kind)) <= MOST_FIELD_BYTES:
                     fields[name] = data
             time = ticks_of(event.Time)
             self._record(time, encode_event(time, fields), is_audit=is_audit)

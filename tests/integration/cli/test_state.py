@@ -143,7 +143,9 @@ def test_what_is_no_backup_and_what_is_not_there_is_told(site: Site, tmp_path: P
 def test_what_the_modbus_gateway_remembers_is_taken_while_it_runs(own: Site, tmp_path: Path) -> None:
     state, port = own.folder / "state" / "modbus", free_tcp_port()
     with (own.folder / "fleet.yaml").open("a") as fleet:
-        fleet.write(f"modbus: {{host: 127.0.0.1, port: {port}, values: {{rover.speed: {{table: input, address: 100}}}}}}\n")
+        fleet.write(
+            f"modbus: {{host: 127.0.0.1, port: {port}, values: {{rover.speed: {{table: input, address: 100}}}}}}\n"
+        )
     command = LastCommand(7, 3, CommandState.DONE, "run-1", 0, "it is done", '{"done": "weld"}')
     with closing(CommandMemory(state / "commands.db")) as memory:
         memory.record(command)

@@ -18,13 +18,13 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, TypeVar
 
 import structlog
 
 from ua_fleet.config.history import HistoryRules
 from ua_fleet.config.history_schema import MEGABYTE, HistoryConfig
-from ua_fleet.errors import StorageAway, StorageUnavailable, add_extra
+from ua_fleet.errors import StorageAway, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.history.backlog import Backlog, Full
 from ua_fleet.history.continuation import Continuations
@@ -33,8 +33,7 @@ from ua_fleet.history.recorder import Kept, Recorder
 from ua_fleet.history.rows import Series
 from ua_fleet.history.store import HistoryStore
 from ua_fleet.monitoring.mistakes import Mistakes
-from ua_fleet.storage.history_store import HISTORY_FILE, SqliteHistory
-from ua_fleet.storage.private_file import read_password
+from ua_fleet.server.history_opening import Opening, open_store
 from ua_fleet.values import TICKS_PER_SECOND, NodeId, ticks_from_unix_ns
 
 __all__ = ["HistoryService", "Opening", "open_history"]
@@ -70,7 +69,7 @@ async def open_history(
         StorageUnavailable: it cannot be used.
     """
     executor = ThreadPoolExecutor(1, thread_name_prefix="history")
-    opening = partial(_open_store, config, config_dir, state_dir)
+    opening = partial(open_store, config, config_dir, state_dir)
     store: HistoryStore | Opening
     try:
         store = await asyncio.get_running_loop().run_in_executor(executor, opening)
@@ -81,15 +80,6 @@ async def open_history(
         executor.shutdown()
         raise
     return HistoryService(store, executor, rules, int(config.megabytes * MEGABYTE), mistakes)
-
-
-class Opening(NamedTuple):
-    """A store that was away at the start."""
-
-    open: Callable[[], HistoryStore]
-    """Opens it in the thread; raises StorageUnavailable."""
-    reason: str
-    """Why it was not opened."""
 
 
 def _uncollected(work: Callable[[Series], Found], series: Series) -> Found:
@@ -103,19 +93,6 @@ def _uncollected(work: Callable[[Series], Found], series: Series) -> Found:
         return work(series)
     finally:
         gc.enable()
-
-
-def _open_store(config: HistoryConfig, config_dir: Path, state_dir: Path) -> HistoryStore:
-    """The store that `fleet.yaml` names; raises StorageUnavailable."""
-    if config.store is None:
-        return SqliteHistory(state_dir / HISTORY_FILE)
-    try:
-        from ua_fleet.storage.postgres_history import PostgresHistory
-    except ModuleNotFoundError as error:
-        raise StorageUnavailable(f"history.store needs the package {error.name}; {add_extra('postgres')}") from error
-    file = config.password_file
-    password = None if file is None else read_password(config_dir / file, "history.password_file")
-    return PostgresHistory(config.store, config.user or "", password)
 
 
 class HistoryService:

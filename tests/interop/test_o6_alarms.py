@@ -19,6 +19,24 @@ from ua_fleet.values import BuiltinType
 CLIENT = Path(__file__).parent / "o6_alarms.py"
 
 
+async def run_o6(script: Path, url: str, folder: Path, user: tuple[str, str], *arguments: str) -> str:
+    """The last line that a client of o6 prints; it has the certificate of the harness's clients."""
+    key = load_pem_private_key((folder / "client.pem").read_bytes(), None)
+    der = folder / "client-key.der"
+    der.write_bytes(key.private_bytes(Encoding.DER, PrivateFormat.TraditionalOpenSSL, NoEncryption()))
+    server = certificates_folder(folder / "state") / "own" / "server.der"
+    files = (str(folder / "client.der"), str(der), str(server))
+    process = await asyncio.create_subprocess_exec(
+        *(o6_python(), str(script), url, *user, *files, *arguments),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        env=clean_environment(),
+    )
+    output, errors = await asyncio.wait_for(process.communicate(), 60)
+    assert process.returncode == 0, errors.decode()
+    return output.splitlines()[-1].decode()
+
+
 @pytest.mark.needs("o6")
 async def test_a_client_of_o6_acknowledges_and_shelves(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
     async with serving(tmp_path, fleet_config(udp_url, tcp_port, robots=robots())) as running:
@@ -26,20 +44,7 @@ async def test_a_client_of_o6_acknowledges_and_shelves(udp_url: str, tcp_port: i
             running.peer.announce(SPEED, (make_field("speed", BuiltinType.DOUBLE),))
             running.peer.publish(SPEED, 1.2)
             await until(reader(client, f"{ALARM}.Retain"), lambda found: found.Value.Value is True)
-        key = load_pem_private_key((tmp_path / "client.pem").read_bytes(), None)
-        der = tmp_path / "client-key.der"
-        der.write_bytes(key.private_bytes(Encoding.DER, PrivateFormat.TraditionalOpenSSL, NoEncryption()))
-        server = certificates_folder(tmp_path / "state") / "own" / "server.der"
-        files = (str(tmp_path / "client.der"), str(der), str(server))
-        process = await asyncio.create_subprocess_exec(
-            *(o6_python(), str(CLIENT), running.url, *OPERATOR, *files, ALARM),
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-            env=clean_environment(),
-        )
-        output, errors = await asyncio.wait_for(process.communicate(), 60)
-    assert process.returncode == 0, errors.decode()
-    report = json.loads(output.splitlines()[-1])
+        report = json.loads(await run_o6(CLIENT, running.url, tmp_path, OPERATOR, ALARM))
     assert report["active"] is True
     assert (report["acknowledged"], report["shelved"], report["unshelved"]) == ("GOOD", "GOOD", "GOOD")
     assert "BADCONDITIONBRANCHALREADYACKED" in report["again"].upper().replace("_", "")

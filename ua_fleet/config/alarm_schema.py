@@ -54,12 +54,6 @@ class LimitsConfig(AlarmConfig, frozen=True):
                 raise ValueError(
                     f"{lower:g} and {upper:g} are nearer to each other than the hysteresis {self.hysteresis:g}"
                 )
-        for limit in limits:
-            if 0 < abs(limit) < self.hysteresis:
-                raise ValueError(
-                    f"{limit:g} is below the hysteresis {self.hysteresis:g}, and the alarm would end only on"
-                    f" the other side of 0"
-                )
         return self
 
 
@@ -70,16 +64,27 @@ class NormalConfig(AlarmConfig, frozen=True):
     """It."""
 
 
-def limits_problem(limits: LimitsConfig, value_range: tuple[float, float]) -> str:
-    """Why limits do not fit the range of a value; empty where they do."""
-    least, greatest = value_range
+def limits_problem(limits: LimitsConfig, value_range: tuple[float, float] | None) -> str:
+    """Why limits do not fit the range of a value, if that has one; empty where they do.
+
+    Of a value without a range nobody knows whether it goes to the other side of 0, where an alarm would end whose limit
+    is below its hysteresis: most numbers (a speed, a current, a level) do not.
+    """
     for name in ("high", "high_high", "low", "low_low"):
         limit: float | None = getattr(limits, name)
         if limit is None:
             continue
+        back = limit - limits.hysteresis if name.startswith("high") else limit + limits.hysteresis
+        if value_range is None:
+            if limit * back < 0:
+                return (
+                    f"{name} {limit:g} is below the hysteresis {limits.hysteresis:g}, and its alarm would end only at"
+                    f" {back:g}; give the value a range with {back:g} in it, or a smaller hysteresis"
+                )
+            continue
+        least, greatest = value_range
         if not least <= limit <= greatest:
             return f"{name} {limit:g} is outside the range {least:g} to {greatest:g}"
-        back = limit - limits.hysteresis if name.startswith("high") else limit + limits.hysteresis
         if not least <= back <= greatest:
             return f"the alarm of {name} would end only at {back:g}, outside the range {least:g} to {greatest:g}"
     return ""

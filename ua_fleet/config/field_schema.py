@@ -46,7 +46,7 @@ class FieldConfig(Model, frozen=True, json_schema_extra=implies(given("range"), 
         if self.limits is not None:
             if self.type not in RANGED or self.array:
                 raise ValueError(f"limits: {'an array' if self.array else self.type.value} has no limits")
-            if self.range is not None and (problem := limits_problem(self.limits, self.range)):
+            if problem := limits_problem(self.limits, self.range):
                 raise ValueError(f"limits: {problem}")
         if self.normal is not None and (self.type is not ScalarType.BOOLEAN or self.array):
             raise ValueError("normal: it is for a single Boolean; numbers have `limits`")

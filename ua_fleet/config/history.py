@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from ua_fleet.config.history_schema import HistoryConfig, ValueHistoryConfig
+from ua_fleet.config.history_schema import EventHistoryConfig, HistoryConfig, ValueHistoryConfig
 from ua_fleet.config.parts import Parts
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.document import KeyPath
 from ua_fleet.fleet.model import FieldModel, RobotModel
+from ua_fleet.history.events import AUDIT_EVENTS, EVENTS
 from ua_fleet.history.rules import Rule
 from ua_fleet.values import BuiltinType, NodeId
 
@@ -50,10 +51,21 @@ class HistoryRules:
         found = self._rules.get(key)
         return None if found is None else found[1]
 
+    @property
+    def events(self) -> EventHistoryConfig | None:
+        """What is kept of events; None where nothing is."""
+        history = self._config.history
+        if history is None or history.events is False:
+            return None
+        return EventHistoryConfig() if history.events is True else history.events
+
     def days_of(self, key: NodeId) -> float:
-        """For how long the rows of a node are kept, also of one that is not recorded any more."""
+        """For how long the rows of a node, or events, are kept, also of one that is not recorded any more."""
         if (rule := self.of(key)) is not None:
             return rule.days
+        events = self.events
+        if key in (EVENTS, AUDIT_EVENTS) and events is not None and events.days is not None:
+            return events.days
         return HistoryConfig().days if self._config.history is None else self._config.history.days
 
 

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from ua_fleet.config.base import Model
 
-__all__ = ["HistoryConfig", "ValueHistoryConfig"]
+__all__ = ["EventHistoryConfig", "HistoryConfig", "ValueHistoryConfig"]
 
 Seconds = Annotated[float, Field(ge=0, le=1e7, allow_inf_nan=False)]
 Deadband = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -32,6 +32,15 @@ class ValueHistoryConfig(Model, frozen=True):
     """For how long values are kept."""
 
 
+class EventHistoryConfig(Model, frozen=True):
+    """What is kept of events."""
+
+    days: Days | None = None
+    """For how long events are kept; without it as long as values."""
+    audit: bool = True
+    """Keep AuditEvents too: logins, writes, Method calls. Only engineers can read them."""
+
+
 _TLS_KEYS: Final = frozenset(("sslmode", "sslrootcert", "sslcert", "sslkey"))
 
 
@@ -50,7 +59,9 @@ class HistoryConfig(Model, frozen=True):
     """Keep the values of all robots. `false`: of those robots and data sources alone that have a `history` of their
     own."""
     megabytes: float = Field(default=1000, ge=10, le=1e7, allow_inf_nan=False)
-    """What the store takes at most; the oldest values give way."""
+    """What the store takes at most; the oldest values and events give way."""
+    events: EventHistoryConfig | bool = True
+    """Keep events: of runs, steps, skills, faults, alarms and dialogs. `false`: none."""
     days: Days = 30
     """For how long values are kept."""
     deadband: Deadband = 0

@@ -215,11 +215,36 @@ def _existing(data: Any, path: KeyPath) -> KeyPath:
     return path
 
 
+def _within_union(model: type[BaseModel], data: Any, loc: KeyPath, *, is_missing: bool) -> KeyPath | None:
+    """The path without the name that pydantic gives to the branch of a union; None for what is to be left out.
+
+    Where a mapping is given and one branch is a model, that one was meant, whatever the others say.
+    """
+    path = _existing(data, loc)
+    rest = loc[len(path) :]
+    if not rest or (is_missing and len(rest) == 1):
+        return loc
+    field = _field_of(model, path)
+    models = [each.__name__ for each in typing.get_args(field.annotation) if _is_model(each)] if field else []
+    if rest[0] in models:
+        return _within_union(model, data, (*path, *rest[1:]), is_missing=is_missing)
+    for step in path:
+        data = data[step]
+    return None if models and isinstance(data, Mapping) else loc
+
+
+def _is_model(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)
+
+
 def explain(model: type[BaseModel], data: Mapping[str, Any], errors: Iterable[ErrorDetails]) -> list[ModelFinding]:
     """The findings for pydantic's errors about `data`, one for each value."""
     findings: dict[KeyPath, ModelFinding] = {}
     for error in errors:
-        loc: KeyPath = error["loc"]
+        within = _within_union(model, data, error["loc"], is_missing=error["type"] == "missing")
+        if within is None:
+            continue
+        loc = within
         if error["type"] == "missing":
             suggestion = _missing(_field_of(model, loc), str(loc[-1]))
             finding = ModelFinding(loc, f"`{loc[-1]}` is missing", suggestion)

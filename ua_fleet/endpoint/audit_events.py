@@ -96,8 +96,13 @@ class AuditEvents:
 
     @property
     def wanted(self) -> bool:
-        """Whether an engineer listens; otherwise nothing needs to be made."""
-        return bool(self._subscriptions.audience(_SERVER, _is_engineer))
+        """Whether an engineer listens, or they are kept; otherwise nothing needs to be made."""
+        return self._is_kept or bool(self._subscriptions.audience(_SERVER, _is_engineer))
+
+    @property
+    def _is_kept(self) -> bool:
+        keeper = self._subscriptions.keeper
+        return keeper is not None and keeper.audit
 
     def channel(self, who: Who, opened: ChannelOpened, code: int = 0) -> None:
         """OpenSecureChannel (6.4.6)."""
@@ -224,7 +229,7 @@ class AuditEvents:
         changes: bool = False,
     ) -> None:
         audience = self._subscriptions.audience(_SERVER, _is_engineer)
-        if not audience:
+        if not audience and not self._is_kept:
             return
         caller, is_good = who.caller, code == 0
         is_free = changes and is_good and caller.role in _CHANGES
@@ -255,6 +260,8 @@ class AuditEvents:
         )
         for name, value, kind in (*common, *fields):
             event.add_property(name, value, kind)
+        if (keeper := self._subscriptions.keeper) is not None and keeper.audit:
+            keeper.keep(event, is_audit=True)
         for subscription in audience:
             subscription.items.tell(event)
 

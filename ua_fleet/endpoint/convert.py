@@ -34,6 +34,7 @@ __all__ = [
     "fleet_variant",
     "node_id",
     "raw_id",
+    "ticks_of",
     "to_status",
     "to_variant",
 ]
@@ -53,6 +54,13 @@ def raw_id(identifier: Any, namespace: Any = 0) -> ua.NodeId:
 def node_id(key: NodeId) -> ua.NodeId:
     """A NodeId in asyncua's form."""
     return raw_id(key.identifier, key.namespace)
+
+
+def ticks_of(time: Any) -> int:
+    """A time of asyncua's in ticks; 0 where none is given, and for what lies before all times."""
+    if not isinstance(time, datetime):
+        return 0
+    return max(0, ticks_from_datetime(time.replace(tzinfo=UTC) if time.tzinfo is None else time))
 
 
 @lru_cache(maxsize=1024)

@@ -11,6 +11,7 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
 from ua_fleet.endpoint.indexrange import IndexRange, apply_range, parse_range
+from ua_fleet.endpoint.kept_events import PastEvent
 from ua_fleet.endpoint.stack import GOOD, AttributeIds, ObjectIds, Refusal, StatusCodes, ns0, status
 
 __all__ = ["EventField", "EventFields", "field_of"]
@@ -38,11 +39,14 @@ class EventField:
 
     def of(self, event: Any) -> ua.Variant:
         """What an event has of it; null for nothing."""
-        known: dict[str, Any] = event.data_types
-        value = getattr(event, self.name, None) if self.name in known else None
-        if value is None:
-            return _NO_FIELD
-        variant = ua.Variant(value, known[self.name])
+        if isinstance(event, PastEvent):
+            variant = event.variant(self.name)
+        else:
+            known: dict[str, Any] = event.data_types
+            value = getattr(event, self.name, None) if self.name in known else None
+            if value is None:
+                return _NO_FIELD
+            variant = ua.Variant(value, known[self.name])
         if self.index_range is not None:
             return apply_range(ua.DataValue(variant), self.index_range).Value or _NO_FIELD
         return variant

@@ -27,6 +27,7 @@ from ua_fleet.endpoint.bridge_trust import BridgeTrust
 from ua_fleet.endpoint.certificates import ensure_application_certificate
 from ua_fleet.endpoint.context import EndpointContext, NodeGate, Statistics
 from ua_fleet.endpoint.diagnostics import Diagnostics
+from ua_fleet.endpoint.kept_events import EventKeeper
 from ua_fleet.endpoint.limits import CHUNK_BYTES, EndpointLimits
 from ua_fleet.endpoint.listener import EndpointListener
 from ua_fleet.endpoint.node_builder import paused_collection, release_collection
@@ -119,6 +120,11 @@ class HardenedServer(Server):
         registry: Any = self.iserver.subscription_service
         queues: Queues = registry.queues
         return queues
+
+    def keep_events(self, keeper: EventKeeper) -> None:
+        """Have all events kept from now on."""
+        registry: Any = self.iserver.subscription_service
+        registry.keeper = keeper
 
     async def prepare(self, context: EndpointContext, host: str, port: int) -> None:
         """Put our services over asyncua's; `init` has been called."""

@@ -1,4 +1,4 @@
-"""HistoryRead (OPC 10000-4 5.11.3, OPC 10000-11 6.4): raw values, values at times, aggregates.
+"""HistoryRead (OPC 10000-4 5.11.3, OPC 10000-11 6.4): raw values, values at times, aggregates; events: `event_history`.
 
 What is read is computed where the store is, outside of the event loop, and comes back as bytes.
 """
@@ -8,7 +8,6 @@ What is read is computed where the store is, outside of the event loop, and come
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from datetime import UTC, datetime
 from functools import partial
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -19,6 +18,8 @@ from asyncua.ua.ua_binary import struct_to_binary
 from ua_fleet.endpoint.answers import ArrayResponse
 from ua_fleet.endpoint.attributes import access_level
 from ua_fleet.endpoint.context import EndpointContext
+from ua_fleet.endpoint.convert import ticks_of
+from ua_fleet.endpoint.event_history import HISTORY_EVENT, EventHistory
 from ua_fleet.endpoint.history_source import MOST_RETURNED, HistorySource
 from ua_fleet.endpoint.live import check_reader
 from ua_fleet.endpoint.node_builder import HISTORY_READ
@@ -33,7 +34,7 @@ from ua_fleet.history.processed import Failure, ProcessedRead, read_processed
 from ua_fleet.history.raw import Phase, Position, RawRead, read_raw
 from ua_fleet.history.rows import LATEST, Series
 from ua_fleet.history.store import node_text
-from ua_fleet.values import NodeId, ticks_from_datetime
+from ua_fleet.values import NodeId
 
 __all__ = ["HistoryServices"]
 
@@ -42,8 +43,9 @@ MOST_TIMES: Final = 1_000
 _RESULT_BYTES: Final = 4 + 4 + 128 + 4 + 1 + 4
 """Of a HistoryReadResult around its values, with the largest continuation point."""
 _DATA_TYPE: Final = b"\x01\x00" + HISTORY_DATA.to_bytes(2, "little") + b"\x01"
-_NOT_GIVEN: Final = 0
-"""DateTime.MinValue."""
+_EVENT_TYPE: Final = b"\x01\x00" + HISTORY_EVENT.to_bytes(2, "little") + b"\x01"
+_OTHER_EVENTS: Final = (ua.ReadEventDetails2, ua.ReadEventDetailsSorted)
+"""ReadEvent as it was in 1.04 is what there is."""
 _Said = TypeVar("_Said")
 
 
@@ -74,13 +76,15 @@ class HistoryServices:
     def __init__(self, context: EndpointContext) -> None:
         self._context, self._limits = context, context.limits
         self._aspace: AddressSpace = context.iserver.aspace
+        self._events = EventHistory(context)
 
     async def history_read(self, request: ServiceRequest, params: ua.HistoryReadParameters) -> Any:
         """HistoryRead of nodes that have and show a history."""
         nodes = operations(params.NodesToRead, self._limits.nodes_per_request)
         details, wanted = params.HistoryReadDetails, params.TimestampsToReturn
+        of_events = isinstance(details, ua.ReadEventDetails) and not isinstance(details, _OTHER_EVENTS)
         known = isinstance(wanted, ua.TimestampsToReturn)
-        if not known or wanted in (ua.TimestampsToReturn.Invalid, ua.TimestampsToReturn.Neither):
+        if not of_events and (not known or wanted in (ua.TimestampsToReturn.Invalid, ua.TimestampsToReturn.Neither)):
             raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
         whole = request.session.room_for_one(self._limits.response_bytes)
         answer = ArrayResponse(ua.HistoryReadResponse, whole)
@@ -90,8 +94,11 @@ class HistoryServices:
                 continue
             code = 0
             try:
-                operation = self._wanted(request, node, answer.left, whole)
-                answer.add_bytes(_result(await self._read_of(details, number, nodes, wanted)(operation)))
+                if of_events:
+                    answer.add_bytes(await self._event_result(request, node, details, answer.left, whole))
+                else:
+                    operation = self._wanted(request, node, answer.left, whole)
+                    answer.add_bytes(_result(await self._read_of(details, number, nodes, wanted)(operation)))
             except Refusal as error:
                 code = error.ua_status
             except StorageUnavailable:
@@ -103,6 +110,15 @@ class HistoryServices:
                 answer.add_small(_refused(code))
             await request.turns.end(answer.size)
         return answer
+
+    async def _event_result(
+        self, request: ServiceRequest, node: ua.HistoryReadValueId, details: Any, room: int, whole: int
+    ) -> bytes:
+        """The result of a ReadEvents; raises Refusal."""
+        _check_room(node, room)
+        room, whole = room - _RESULT_BYTES, whole - _RESULT_BYTES
+        data = await self._events.read(request.user, node, details, room=room, whole=whole)
+        return _result(_Data(*data), _EVENT_TYPE)
 
     def _wanted(self, request: ServiceRequest, node: ua.HistoryReadValueId, room: int, whole: int) -> _Wanted:
         """An operation that the user may do; raises Refusal.
@@ -126,10 +142,7 @@ class HistoryServices:
             raise Refusal(StatusCodes.BadHistoryOperationUnsupported)
         if node.IndexRange:
             raise Refusal(StatusCodes.BadHistoryOperationUnsupported)
-        if node.DataEncoding is not None and node.DataEncoding.Name:
-            raise Refusal(StatusCodes.BadDataEncodingInvalid)
-        if room <= _RESULT_BYTES:
-            raise Refusal(StatusCodes.BadEncodingLimitsExceeded)
+        _check_room(node, room)
         point = bytes(node.ContinuationPoint or b"")
         return _Wanted(key, node_text(key), stepped, point, room - _RESULT_BYTES, whole - _RESULT_BYTES)
 
@@ -161,7 +174,7 @@ class HistoryServices:
         if wanted.point:
             read, at = _known(points.read_raw(wanted.name, wanted.point))
         else:
-            start, end = _ticks(details.StartTime), _ticks(details.EndTime)
+            start, end = ticks_of(details.StartTime), ticks_of(details.EndTime)
             read = RawRead(start or None, end or None, int(details.NumValuesPerNode), bool(details.ReturnBounds))
             if not read.is_valid:
                 raise Refusal(StatusCodes.BadHistoryOperationInvalid)
@@ -183,7 +196,7 @@ class HistoryServices:
     async def _at_times(self, wanted: _Wanted, details: ua.ReadAtTimeDetails) -> _Data:
         if wanted.point:
             raise Refusal(StatusCodes.BadContinuationPointInvalid)
-        times = [_ticks(time) for time in details.ReqTimes or []]
+        times = [ticks_of(time) for time in details.ReqTimes or []]
         if not times:
             raise Refusal(StatusCodes.BadNothingToDo)
         if len(times) > MOST_TIMES:
@@ -218,6 +231,14 @@ class HistoryServices:
         return await self._history.look(wanted.key, look)
 
 
+def _check_room(node: ua.HistoryReadValueId, room: int) -> None:
+    """Raise Refusal where a result has another encoding than ours, or no room."""
+    if node.DataEncoding is not None and node.DataEncoding.Name:
+        raise Refusal(StatusCodes.BadDataEncodingInvalid)
+    if room <= _RESULT_BYTES:
+        raise Refusal(StatusCodes.BadEncodingLimitsExceeded)
+
+
 def _known(said: _Said | None) -> _Said:
     """What a continuation point says; raises Refusal for one that is none of ours."""
     if said is None:
@@ -227,7 +248,7 @@ def _known(said: _Said | None) -> _Said:
 
 def _processed_read(details: ua.ReadProcessedDetails, kind: Any, *, stepped: bool) -> ProcessedRead:
     """What a request wants; raises Refusal."""
-    start, end, interval_ms = _ticks(details.StartTime), _ticks(details.EndTime), float(details.ProcessingInterval)
+    start, end, interval_ms = ticks_of(details.StartTime), ticks_of(details.EndTime), float(details.ProcessingInterval)
     if not start or not end or start == end or not 0 <= interval_ms < LATEST:
         raise Refusal(StatusCodes.BadInvalidArgument)
     known = kind.NamespaceIndex == 0 and isinstance(kind.Identifier, int) and kind.Identifier in set(Aggregate)
@@ -251,13 +272,6 @@ def _processed_read(details: ua.ReadProcessedDetails, kind: Any, *, stepped: boo
     return read
 
 
-def _ticks(time: Any) -> int:
-    """A time of a request; 0 where none is given, and for what lies before all times."""
-    if not isinstance(time, datetime):
-        return _NOT_GIVEN
-    return max(0, ticks_from_datetime(time.replace(tzinfo=UTC) if time.tzinfo is None else time))
-
-
 def _number(identifier: Any) -> int:
     """A numeric identifier; -1 for a Guid or bytes, which no node of a fleet has."""
     return int(identifier) if isinstance(identifier, int) else -1
@@ -268,9 +282,9 @@ def _refused(code: int) -> bytes:
     return data
 
 
-def _result(data: _Data) -> bytes:
-    """A HistoryReadResult with HistoryData (OPC 10000-4 5.11.3.2)."""
+def _result(data: _Data, data_type: bytes = _DATA_TYPE) -> bytes:
+    """A HistoryReadResult with HistoryData, or HistoryEvent (OPC 10000-4 5.11.3.2)."""
     code = 0 if data.number or data.point else int(StatusCodes.GoodNoData)
     length = (len(data.point) or -1).to_bytes(4, "little", signed=True)
     size = len(data.data).to_bytes(4, "little")
-    return b"".join((code.to_bytes(4, "little"), length, data.point, _DATA_TYPE, size, data.data))
+    return b"".join((code.to_bytes(4, "little"), length, data.point, data_type, size, data.data))

@@ -9,10 +9,12 @@ from ua_fleet.history.continuation import Continuations
 from ua_fleet.history.rows import Series
 from ua_fleet.values import NodeId
 
-__all__ = ["MOST_RETURNED", "HistorySource"]
+__all__ = ["MOST_EVENTS", "MOST_RETURNED", "HistorySource"]
 
 MOST_RETURNED: Final = 2_000
 """Values of one node in one answer: what follows has a continuation point."""
+MOST_EVENTS: Final = 1_000
+"""Likewise events."""
 
 Found = TypeVar("Found")
 
@@ -31,4 +33,13 @@ class HistorySource(Protocol):
 
     async def look(self, key: NodeId, work: Callable[[Series], Found]) -> Found:
         """Do work on the rows of a node, those included that wait to be stored; raises StorageUnavailable."""
+        ...
+
+    @property
+    def has_events(self) -> bool:
+        """Whether events are kept."""
+        ...
+
+    async def look_at_events(self, work: Callable[[Series], Found], *, audit: bool) -> Found:
+        """The same on events, with AuditEvents or without."""
         ...

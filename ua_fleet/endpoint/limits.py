@@ -84,7 +84,8 @@ class EndpointLimits:
     write to the node goes to all of them."""
     event_items_per_session: int = 200
     """Monitored items of one session that watch events: each event goes to all of them."""
-    filter_elements: int = 100
+    filter_elements: int = 200
+    """Elements of each clause of an EventFilter: all fields of all events are some 150."""
     filter_steps_per_session: int = 10_000
     """Steps that the filters of a session's event items take for one event, of some microseconds each."""
     tick_s: float = 0.25

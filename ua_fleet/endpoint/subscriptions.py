@@ -19,6 +19,7 @@ from asyncua.server.internal_server import InternalServer
 from asyncua.server.subscription_service import SubscriptionService
 
 from ua_fleet.endpoint.answers import Misfit
+from ua_fleet.endpoint.kept_events import EventKeeper
 from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.monitored_items import MonitoredItems
 from ua_fleet.endpoint.monitoring import DataItem, Item
@@ -378,6 +379,8 @@ class SubscriptionRegistry(SubscriptionService):
         """Told of a new subscription."""
         self.ended: Callable[[ClientSubscription], Awaitable[None]] | None = None
         """Told of a subscription that has ended."""
+        self.keeper: EventKeeper | None = None
+        """Keeps each event, for the history."""
         self.queues = Queues(limits.queued_bytes_per_user, limits.queued_bytes)
         self.answering = Places()
         """Of the subscriptions of each user, one has the turn to answer."""
@@ -406,6 +409,12 @@ class SubscriptionRegistry(SubscriptionService):
             except Exception as error:  # noqa: BLE001 - counted and logged; it serves its client all the same
                 self.failed(error, subscription.id)
         return subscription
+
+    async def trigger_event(self, event: Any, subscription_id: int | None = None) -> None:
+        """Keep an event that is for all, and tell it; called by asyncua, too."""
+        if subscription_id is None and self.keeper is not None:
+            self.keeper.keep(event)
+        await super().trigger_event(event, subscription_id)
 
     def find(self, subscription_id: int) -> ClientSubscription | None:
         """A client's subscription, whoever owns it."""

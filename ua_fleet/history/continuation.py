@@ -12,10 +12,11 @@ from __future__ import annotations
 import hashlib
 import hmac
 import struct
-from typing import Final
+from typing import Any, Final
 
 from ua_fleet.history.aggregates import Aggregate
 from ua_fleet.history.bounds import Settings
+from ua_fleet.history.events import EventPosition
 from ua_fleet.history.processed import ProcessedRead
 from ua_fleet.history.raw import Phase, Position, RawRead
 
@@ -23,8 +24,10 @@ __all__ = ["Continuations"]
 
 _RAW: Final = b"\x01r"
 _PROCESSED: Final = b"\x01p"
+_EVENTS: Final = b"\x01e"
 _RAW_BODY: Final = struct.Struct("<qqI?Bq")
 _PROCESSED_BODY: Final = struct.Struct("<qqdHBBBBI")
+_EVENTS_BODY: Final = struct.Struct("<qqI16sqB")
 _CODE_BYTES: Final = 16
 _NOT_GIVEN: Final = -1
 
@@ -59,6 +62,13 @@ class Continuations:
         )
         return self._signed(node, _PROCESSED + body)
 
+    def of_events(self, node: str, read: RawRead, filter_data: bytes, at: EventPosition) -> bytes:
+        """A point of a ReadEvents with this encoded EventFilter. It has no room for that: the client sends it again."""
+        start = _NOT_GIVEN if read.start is None else read.start
+        end = _NOT_GIVEN if read.end is None else read.end
+        body = _EVENTS_BODY.pack(start, end, read.most, _digest(filter_data), at.time, at.skipped)
+        return self._signed(node, _EVENTS + body)
+
     def read_raw(self, node: str, point: bytes) -> tuple[RawRead, Position] | None:
         """What a point of a ReadRaw says; None for one that is none of ours."""
         body = self._verified(node, point, _RAW, _RAW_BODY)
@@ -77,16 +87,31 @@ class Continuations:
         settings = Settings(bool(stepped), bool(flags & 1), bad, good, bool(flags & 2))
         return ProcessedRead(start, end, interval_ms, Aggregate(aggregate), settings), number
 
+    def read_events(self, node: str, filter_data: bytes, point: bytes) -> tuple[RawRead, EventPosition] | None:
+        """The same of a ReadEvents; None also for a point of another EventFilter."""
+        body = self._verified(node, point, _EVENTS, _EVENTS_BODY)
+        if body is None:
+            return None
+        start, end, most, digest, time, skipped = body
+        if digest != _digest(filter_data):
+            return None
+        read = RawRead(None if start == _NOT_GIVEN else start, None if end == _NOT_GIVEN else end, most, bounds=False)
+        return read, EventPosition(time, skipped)
+
     def _signed(self, node: str, body: bytes) -> bytes:
         return body + self._code(node, body)
 
     def _code(self, node: str, body: bytes) -> bytes:
         return hmac.new(self._secret, node.encode() + b"\0" + body, hashlib.sha256).digest()[:_CODE_BYTES]
 
-    def _verified(self, node: str, point: bytes, kind: bytes, layout: struct.Struct) -> tuple[int, ...] | None:
+    def _verified(self, node: str, point: bytes, kind: bytes, layout: struct.Struct) -> tuple[Any, ...] | None:
         body, code = point[:-_CODE_BYTES], point[-_CODE_BYTES:]
         if len(body) != len(kind) + layout.size or not body.startswith(kind):
             return None
         if not hmac.compare_digest(code, self._code(node, body)):
             return None
         return layout.unpack(body[len(kind) :])
+
+
+def _digest(data: bytes) -> bytes:
+    return hashlib.sha256(data).digest()[:16]

@@ -25,6 +25,7 @@ from ua_fleet.history.aggregates import Aggregate
 from ua_fleet.history.bounds import Settings
 from ua_fleet.history.rules import Rule
 from ua_fleet.nodes.declared_nodes import DeclaredNodes
+from ua_fleet.nodes.event_history_nodes import show_event_history
 from ua_fleet.nodes.node_factory import STANDARD, NodeFactory
 from ua_fleet.operation.pubsub.description import Description
 from ua_fleet.values import QualifiedName
@@ -57,6 +58,8 @@ class HistoryNodes:
             ("MaxReturnDataValues", MOST_RETURNED, ua.VariantType.UInt32),
         ):
             set_value(self._space, ns0(getattr(ObjectIds, capabilities + name_of_value)), value, kind)
+        if (events := self._rules.events) is not None:
+            show_event_history(self._space, self._parts, audit=events.audit)
         for folder in ("HistoryServerCapabilities", "Server_ServerCapabilities"):
             functions = ns0(getattr(ObjectIds, f"{folder}_AggregateFunctions"))
             for aggregate in Aggregate:

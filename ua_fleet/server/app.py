@@ -18,6 +18,7 @@ from ua_fleet.config.security import file_keys_of
 from ua_fleet.config.transports import open_transports
 from ua_fleet.endpoint.announced import announced_endpoints
 from ua_fleet.endpoint.hardened_server import HardenedServer, create_server
+from ua_fleet.endpoint.kept_events import EventKeeper
 from ua_fleet.endpoint.standard_nodes import forget_makers
 from ua_fleet.fleet.model import FleetModel
 from ua_fleet.keys.source import KeySource
@@ -138,6 +139,8 @@ async def _given(
     model = roster.restore()
     await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index, config.fleet.namespaces)
     server.context.history = history
+    if history is not None and (events := history.rules.events) is not None:
+        server.keep_events(EventKeeper(history.record_event, server.context.misfit, audit=events.audit))
     nodes = FleetNodes(server.iserver.aspace, model, None if history is None else history.rules)
     nodes.build()
     SessionKeyMethods(server, NodeFactory(server.iserver.aspace, nodes.ns)).build()

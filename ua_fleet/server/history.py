@@ -18,22 +18,22 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, TypeVar
 
 import structlog
 
 from ua_fleet.config.history import HistoryRules
 from ua_fleet.config.history_schema import MEGABYTE, HistoryConfig
-from ua_fleet.errors import StorageAway, StorageUnavailable, add_extra
+from ua_fleet.errors import StorageAway, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.history.backlog import Backlog, Full
 from ua_fleet.history.continuation import Continuations
+from ua_fleet.history.events import AUDIT_EVENTS, EVENTS, EventRecorder, MergedSeries
 from ua_fleet.history.recorder import Kept, Recorder
 from ua_fleet.history.rows import Series
 from ua_fleet.history.store import HistoryStore
 from ua_fleet.monitoring.mistakes import Mistakes
-from ua_fleet.storage.history_store import HISTORY_FILE, SqliteHistory
-from ua_fleet.storage.private_file import read_password
+from ua_fleet.server.history_opening import Opening, open_store
 from ua_fleet.values import TICKS_PER_SECOND, NodeId, ticks_from_unix_ns
 
 __all__ = ["HistoryService", "Opening", "open_history"]
@@ -69,7 +69,7 @@ async def open_history(
         StorageUnavailable: it cannot be used.
     """
     executor = ThreadPoolExecutor(1, thread_name_prefix="history")
-    opening = partial(_open_store, config, config_dir, state_dir)
+    opening = partial(open_store, config, config_dir, state_dir)
     store: HistoryStore | Opening
     try:
         store = await asyncio.get_running_loop().run_in_executor(executor, opening)
@@ -80,15 +80,6 @@ async def open_history(
         executor.shutdown()
         raise
     return HistoryService(store, executor, rules, int(config.megabytes * MEGABYTE), mistakes)
-
-
-class Opening(NamedTuple):
-    """A store that was away at the start."""
-
-    open: Callable[[], HistoryStore]
-    """Opens it in the thread; raises StorageUnavailable."""
-    reason: str
-    """Why it was not opened."""
 
 
 def _uncollected(work: Callable[[Series], Found], series: Series) -> Found:
@@ -102,19 +93,6 @@ def _uncollected(work: Callable[[Series], Found], series: Series) -> Found:
         return work(series)
     finally:
         gc.enable()
-
-
-def _open_store(config: HistoryConfig, config_dir: Path, state_dir: Path) -> HistoryStore:
-    """The store that `fleet.yaml` names; raises StorageUnavailable."""
-    if config.store is None:
-        return SqliteHistory(state_dir / HISTORY_FILE)
-    try:
-        from ua_fleet.storage.postgres_history import PostgresHistory
-    except ModuleNotFoundError as error:
-        raise StorageUnavailable(f"history.store needs the package {error.name}; {add_extra('postgres')}") from error
-    file = config.password_file
-    password = None if file is None else read_password(config_dir / file, "history.password_file")
-    return PostgresHistory(config.store, config.user or "", password)
 
 
 class HistoryService:
@@ -147,9 +125,10 @@ class HistoryService:
         self._loop = asyncio.get_running_loop()
         self._started_at = wall()
         known = self._opened
-        self._recorder = (
-            Recorder(rules.of) if known is None else Recorder(rules.of, known.last_times(), known.stopped_at)
-        )
+        before: Mapping[NodeId, int] = {} if known is None else known.last_times()
+        stopped_at = 0 if known is None else known.stopped_at
+        self._recorder = Recorder(rules.of, before, stopped_at)
+        self._events = EventRecorder({key: before[key] for key in (EVENTS, AUDIT_EVENTS) if key in before}, stopped_at)
         self._backlog = Backlog(MOST_WAITING, MOST_WAITING_BYTES)
         self._writing: asyncio.Future[Any] | None = None
         self._tending: asyncio.Future[bool] | None = None
@@ -195,6 +174,10 @@ class HistoryService:
             return
         if kept:
             self._add(kept)
+
+    def record_event(self, time: int, data: bytes, *, is_audit: bool) -> None:
+        """Keep an event that `encode_event` has made; its Time in ticks."""
+        self._add(self._events.take(time, data, self._wall(), is_audit=is_audit))
 
     def forget(self, keys: Iterable[NodeId]) -> None:
         """These nodes are gone; what is stored of them stays for as long as it was to."""
@@ -259,6 +242,7 @@ class HistoryService:
                 stored, stopped_at = self._opened.last_times(), self._opened.stopped_at
                 waiting = self._backlog.put_behind(stored, stopped_at, self._started_at)
                 self._recorder.put_behind(stored, stopped_at, waiting)
+                self._events.put_behind(stored, waiting)
                 self._has_worked()
             self.sooner()
 
@@ -354,8 +338,21 @@ class HistoryService:
         """Whether a node's value holds until the next one; None for a node without a history."""
         return self.rules.is_stepped(key)
 
+    @property
+    def has_events(self) -> bool:
+        """Whether events are kept."""
+        return self.rules.events is not None
+
     async def look(self, key: NodeId, work: Callable[[Series], Found]) -> Found:
         """Do work on the rows of a node in the thread; raises StorageUnavailable."""
+        return await self._look(lambda store: store.series(key), work)
+
+    async def look_at_events(self, work: Callable[[Series], Found], *, audit: bool) -> Found:
+        """Do work on events in the thread, with AuditEvents or without; raises StorageUnavailable."""
+        keys = (EVENTS, AUDIT_EVENTS) if audit else (EVENTS,)
+        return await self._look(lambda store: MergedSeries([store.series(key) for key in keys]), work)
+
+    async def _look(self, of: Callable[[HistoryStore], Series], work: Callable[[Series], Found]) -> Found:
         if self._is_closed:
             raise StorageUnavailable("the server ends")
         store = self._store
@@ -363,7 +360,7 @@ class HistoryService:
             await asyncio.wait([self._writing])
         if len(self._backlog) and not self._away:
             await asyncio.wait([self._write(self._loop.time())])
-        return await self._loop.run_in_executor(self._executor, lambda: _uncollected(work, store.series(key)))
+        return await self._loop.run_in_executor(self._executor, lambda: _uncollected(work, of(store)))
 
     async def in_thread(self, work: Callable[[], Any]) -> Any:
         """Do work in the thread that has the store, between its other work."""

@@ -12,6 +12,17 @@ import pytest
 
 from tests.postgres import PASSWORD, USER, Postgres
 from ua_fleet.errors import StorageUnavailable
+from ua_fleet.history.events import (
+    AUDIT_EVENTS,
+    EVENTS,
+    EventPosition,
+    EventRecorder,
+    KeptEvent,
+    MergedSeries,
+    encode_event,
+    read_events,
+)
+from ua_fleet.history.raw import RawRead
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import EARLIEST, LATEST, ListSeries, Row
 from ua_fleet.history.store import HistoryStore, node_of, node_text
@@ -201,3 +212,48 @@ def test_a_limit_that_cannot_be_reached_is_told(store: HistoryStore) -> None:
     assert "takes 0 MB with its old values removed, and history.megabytes is 0; raise that" in store.over_limit
     tend(store, NOW + 5_000 * S)
     assert store.over_limit == ""
+
+
+def test_events_come_back_in_pages(opened: Open) -> None:
+    """Of both series, from rows and from blocks, in both directions, also after a restart."""
+    recorder, random_, time = EventRecorder(), random.Random(9), NOW
+    times: list[int] = []
+    with contextlib.closing(opened()) as store:
+        for _ in range(5):
+            batch: list[Kept] = []
+            for _ in range(1_000):
+                time += random_.choice((0, 0, 10, S))
+                data = encode_event(time, {"Time": time.to_bytes(8, "little"), "Message": random_.randbytes(40)})
+                batch += recorder.take(time, data, time, is_audit=random_.random() < 0.2)
+                times.append(time)
+            store.write(batch, time)
+        tend(store, time)
+    with contextlib.closing(opened()) as store:
+        series = MergedSeries([store.series(EVENTS), store.series(AUDIT_EVENTS)])
+        for start, end in ((NOW, time + 1), (times[900], times[4_100]), (times[4_100], times[900])):
+            found: list[int] = []
+            at: EventPosition | None = None
+            for number in itertools.count():
+                page = read_events(
+                    series,
+                    RawRead(start, end, 0, bounds=False),
+                    at,
+                    lambda row: KeptEvent(row.value).field("Time"),
+                    most=1_000,
+                    room=HUGE,
+                    most_rows=HUGE,
+                )
+                found += [int.from_bytes(event, "little") for event in page.events]
+                at = page.rest
+                if at is None:
+                    break
+                assert number < 10
+            low, high = min(start, end), max(start, end)
+            expected = [each for each in times if low <= each <= high and each != end]
+            assert sorted(found) == expected
+            # Two of one Time stand beside each other in each direction; all else is in order.
+            assert all(
+                abs(earlier - later) < S
+                for earlier, later in zip(found, sorted(found, reverse=end < start), strict=True)
+            )
+        assert set(store.last_times()) == {EVENTS, AUDIT_EVENTS}

@@ -15,6 +15,8 @@ import pytest
 from tests.integration.cli.conftest import FLEET, PASSWORD, Site
 from tests.system import Processes, free_multicast_url, free_tcp_port
 from ua_fleet.errors import StorageUnavailable
+from ua_fleet.modbus.memory import CommandMemory, LastCommand
+from ua_fleet.modbus.words import CommandState
 from ua_fleet.storage.control import held_by
 
 
@@ -136,3 +138,31 @@ def test_what_is_no_backup_and_what_is_not_there_is_told(site: Site, tmp_path: P
     shutil.copy(site.folder / "fleet.yaml", empty)
     nothing = site.run("state", "backup", str(tmp_path / "b.tar"), "-c", str(empty / "fleet.yaml"), user=None)
     assert (nothing.code, "has stored anything" in nothing.stderr) == (3, True)
+
+
+def test_what_the_modbus_gateway_remembers_is_taken_while_it_runs(own: Site, tmp_path: Path) -> None:
+    state, port = own.folder / "state" / "modbus", free_tcp_port()
+    with (own.folder / "fleet.yaml").open("a") as fleet:
+        fleet.write(
+            f"modbus: {{host: 127.0.0.1, port: {port}, values: {{rover.speed: {{table: input, address: 100}}}}}}\n"
+        )
+    command = LastCommand(7, 3, CommandState.DONE, "run-1", 0, "it is done", '{"done": "weld"}')
+    with closing(CommandMemory(state / "commands.db")) as memory:
+        memory.record(command)
+        number = memory.decision_number("decision-1")
+    gateway = own.start("modbus", "serve")
+    gateway.wait_for("ready: ")
+    file = tmp_path / "hall.tar"
+    ended = own.run("state", "backup", str(file), "--json", user=None)
+    assert ended.code == 0, ended.stderr
+    assert "modbus/commands.db" in ended.objects[0]["files"]
+    refused = own.run("state", "restore", str(file), user=None)
+    assert (refused.code, "its process runs; stop it first" in refused.stderr) == (1, True)
+    assert gateway.end() == 130
+    shutil.rmtree(state)
+    ended = own.run("state", "restore", str(file), user=None)
+    assert ended.code == 0, ended.stderr
+    with closing(CommandMemory(state / "commands.db")) as memory:
+        assert memory.last() == command
+        assert memory.decision_number("decision-1") == number
+        assert memory.decision_number("decision-2") == number + 1

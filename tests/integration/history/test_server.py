@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from tests.integration.server_model.harness import ROBOTS, fleet_config, reader, serving, until
+from tests.integration.server_model.harness import ENGINEER, ROBOTS, fleet_config, reader, serving, ua, until
+from tests.integration.server_model.test_event_history import events_of, of_type, reading, selecting
 from tests.integration.server_model.test_history import ask, raw, shows, values_of
 from tests.postgres import PASSWORD, USER, Postgres
 from ua_fleet.errors import StorageUnavailable
@@ -48,6 +49,10 @@ async def test_values_and_continuation_points_outlast_a_restart(
                 [page] = await ask(client, raw(begin, None, 2), GOAL, point=page.ContinuationPoint)
                 page.StatusCode.check()
                 found += values_of(page)
+            written = selecting("NewValue", where=[of_type(ua.ObjectIds.AuditWriteUpdateEventType)])
+            assert await events_of(client, reading(evfilter=written)) == []
+            async with running.client(ENGINEER) as engineer:
+                assert await events_of(engineer, reading(evfilter=written)) == [[0.25], [0.5], [0.75]]
         assert [value for value in found if value][:3] == [0.25, 0.5, 0.75]
     assert not (tmp_path / "state" / "history.db").exists()
 

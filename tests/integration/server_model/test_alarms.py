@@ -25,6 +25,7 @@ from tests.integration.server_model.harness import (
     until,
 )
 from ua_fleet.endpoint.certificates import CertificateFiles, certificates_folder, create_certificate
+from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.values import BuiltinType
 
@@ -258,6 +259,33 @@ async def test_all_states_outlive_a_restart(udp_url: str, tcp_port: int, tmp_pat
         over = await watched.next(SourceName="rover.speed", ActiveState_Id=False)
         assert over["ShelvingState/CurrentState"].Text == "Unshelved"
         assert (await watched.next(SourceName="rover", ActiveState_Id=False))["Message"].Text.startswith("rover: over")
+
+
+async def test_a_kill_between_an_alarm_and_its_fault_leaves_them_agreed(
+    udp_url: str, tcp_port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are two commits: the next start has the fault follow the alarm, in both directions."""
+    config = fleet_config(udp_url, tcp_port, robots=robots(fault=["mobile"]))
+    fault = "ns=2;s=Fleet.Faults.rover.alarm.speed.ActiveState.Id"
+
+    def nothing(_service: ScenarioService, _found: object) -> None:
+        """The fault's commit never comes."""
+
+    async def killed(value: float, *, active: bool) -> None:
+        """A server that writes down the alarm, and ends before the fault."""
+        with monkeypatch.context() as cut:
+            cut.setattr(ScenarioService, "alarms_found", nothing)
+            async with serving(tmp_path, config) as running, running.client() as client:
+                running.peer.announce(SPEED, (make_field("speed", BuiltinType.DOUBLE),))
+                await say(running, client, value)
+                await until(reader(client, f"{ALARM}.ActiveState.Id"), lambda found: found.Value.Value is active)
+
+    await killed(1.2, active=True)
+    async with serving(tmp_path, config) as running, running.client() as client:
+        await until(reader(client, fault), lambda found: found.Value.Value is True)
+    await killed(0.5, active=False)
+    async with serving(tmp_path, config) as running, running.client() as client:
+        await until(reader(client, fault), lambda found: found.Value.Value is False)
 
 
 async def test_a_certificate_that_ends_is_an_alarm(udp_url: str, tcp_port: int, tmp_path: Path) -> None:

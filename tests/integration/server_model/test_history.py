@@ -191,7 +191,7 @@ async def test_nodes_say_that_they_have_a_history_and_which(udp_url: str, tcp_po
         [frame] = await client.get_node(FRAME_NODE).get_referenced_nodes(ua.ObjectIds.HasHistoricalConfiguration)
         assert await (await frame.get_child(["0:Stepped"])).read_value() is True
         prefix = "HistoryServerCapabilities_"
-        for name, value in (("AccessHistoryDataCapability", True), ("AccessHistoryEventsCapability", False)):
+        for name, value in (("AccessHistoryDataCapability", True), ("AccessHistoryEventsCapability", True)):
             node = client.get_node(ua.NodeId(getattr(ua.ObjectIds, prefix + name)))
             assert await node.read_value() is value
         most = client.get_node(ua.NodeId(ua.ObjectIds.HistoryServerCapabilities_MaxReturnDataValues))

@@ -98,7 +98,7 @@ async def test_each_element_of_a_where_clause_has_its_result(hardened: Door) -> 
 async def test_filters_go_with_their_attribute(hardened: Door) -> None:
     changes = events([], attribute=ua.AttributeIds.EventNotifier)
     changes.RequestedParameters.Filter = ua.DataChangeFilter()
-    many = events([clause("EventId")], element(ua.FilterOperator.InList, *[ua.LiteralOperand(ua.Variant(1))] * 101))
+    many = events([clause("EventId")], element(ua.FilterOperator.InList, *[ua.LiteralOperand(ua.Variant(1))] * 201))
     async with hardened.connected() as client:
         on_value = events([clause("EventId")], attribute=ua.AttributeIds.Value)
         on_value.ItemToMonitor.NodeId = hardened.nodes.value

@@ -38,6 +38,8 @@ def read(tmp_path: Path, line: str) -> Path:
         ("{id: 1001, type: Double, limits: {low: 90, high: 80}}", "90 must be less than 80"),
         ("{id: 1001, type: Double, limits: {high: 80, high_high: 90, hysteresis: 10}}", "nearer to each other"),
         ("{id: 1001, type: Double, limits: {high: 1, hysteresis: 2}}", "1 is below the hysteresis 2"),
+        ("{id: 1001, type: Double, limits: {low: -1, hysteresis: 2}}", "low -1 is below the hysteresis 2"),
+        ("{id: 1001, type: Double, range: [0, 9], limits: {high: 1, hysteresis: 2}}", "would end only at -1"),
         ("{id: 1001, type: Double, limits: {hysteresis: 2}}", "give at least one"),
         ("{id: 1001, type: Double, limits: {high: .nan}}", "limits.high"),
         ("{id: 1001, type: Double, range: [0, 50], limits: {high: 80}}", "outside the range 0 to 50"),
@@ -55,6 +57,22 @@ def test_what_is_wrong_is_refused_at_its_line(tmp_path: Path, line: str, problem
         load(file)
     assert f"{file}:11:robots.r.data.one" in str(told.value)
     assert problem in str(told.value)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "{id: 1001, type: Double, range: [-5, 5], limits: {high: 1, hysteresis: 2}}",
+        "{id: 1001, type: Double, range: [-5, 5], limits: {low: -1, hysteresis: 2}}",
+        "{id: 1001, type: Double, limits: {high: -1, hysteresis: 2}}",
+        "{id: 1001, type: Double, limits: {low: 1, hysteresis: 2}}",
+        "{id: 1001, type: Double, limits: {high: 0, hysteresis: 2}}",
+        "{id: 1001, type: Double, limits: {high: 2, hysteresis: 2}}",
+    ],
+)
+def test_a_limit_that_an_alarm_can_come_back_from_is_taken(tmp_path: Path, line: str) -> None:
+    """The hysteresis is a distance (the Deadband of OPC 10000-9 5.8.18): nothing says that it is less than a limit."""
+    load(read(tmp_path, line))
 
 
 def test_alarms_of_a_file(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from ua_fleet.history.aggregates import Aggregate
 from ua_fleet.history.bounds import Settings
 from ua_fleet.history.continuation import Continuations
+from ua_fleet.history.events import EventPosition
 from ua_fleet.history.processed import ProcessedRead
 from ua_fleet.history.raw import Phase, Position, RawRead
 from ua_fleet.history.rows import LATEST
@@ -40,6 +41,17 @@ def test_a_point_of_aggregates_says_all(
 ) -> None:
     read = ProcessedRead(start, end, interval_ms, aggregate, settings)
     assert POINTS.read_processed("2;i=1", POINTS.of_processed("2;i=1", read, number)) == (read, number)
+
+
+@given(TIMES, TIMES, st.integers(0, 0xFFFF_FFFF), st.integers(0, LATEST), st.integers(0, 255), st.binary())
+def test_a_point_of_events_says_all_but_the_filter(
+    start: int | None, end: int | None, most: int, time: int, skipped: int, filter_data: bytes
+) -> None:
+    read = RawRead(start, end, most, bounds=False)
+    point = POINTS.of_events("i=2253", read, filter_data, EventPosition(time, skipped))
+    assert POINTS.read_events("i=2253", filter_data, point) == (read, EventPosition(time, skipped))
+    assert POINTS.read_events("i=2253", filter_data + b"x", point) is None
+    assert POINTS.read_raw("i=2253", point) is None
 
 
 def test_only_a_point_of_this_store_node_and_kind_is_taken() -> None:

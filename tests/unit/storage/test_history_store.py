@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -56,6 +57,36 @@ def test_a_block_that_is_broken_costs_the_read_and_says_so(tmp_path: Path) -> No
         with pytest.raises(StorageUnavailable, match="broken"):
             store.series(KEY).between(EARLIEST, LATEST, 10_000)
         assert store.series(KEY).between(1_500, LATEST, 10_000)[0].time == 1_500
+
+
+@pytest.mark.parametrize(
+    ("begins", "ends", "said"),
+    [
+        ("PRAGMA max_page_count=12", "PRAGMA max_page_count=1000000", "the disk is full; free some space"),
+        ("PRAGMA query_only=1", "PRAGMA query_only=0", "cannot be written"),
+    ],
+)
+def test_what_a_full_or_read_only_file_does_not_take_is_taken_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begins: str, ends: str, said: str
+) -> None:
+    connections: list[sqlite3.Connection] = []
+    connect = sqlite3.connect
+
+    def noted(*arguments: Any, **options: Any) -> sqlite3.Connection:
+        connections.append(connect(*arguments, **options))
+        return connections[-1]
+
+    monkeypatch.setattr(sqlite3, "connect", noted)
+    with contextlib.closing(SqliteHistory(tmp_path / HISTORY_FILE)) as store:
+        store.write(ROWS[:10], 10)
+        connections[0].execute(begins)
+        with pytest.raises(StorageUnavailable, match=said) as told:
+            store.write(ROWS[10:], 9_000)
+        assert "\n" not in str(told.value)
+        assert store.series(KEY).between(EARLIEST, LATEST, 10_000) == [row for _, row in ROWS[:10]]
+        connections[0].execute(ends)
+        store.write(ROWS[10:], 9_000)
+        assert store.series(KEY).between(EARLIEST, LATEST, 10_000) == [row for _, row in ROWS]
 
 
 def test_a_compaction_that_failed_is_done_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

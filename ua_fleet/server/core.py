@@ -100,9 +100,9 @@ class ServerCore:
         self._watched = parts.alarms.watched
         self._told: list[Callable[[ValueChanged], None]] = []
         """What is told of each value; a part that is not there costs nothing."""
-        if not isinstance(parts.namespace, NoNamespace):
+        if type(parts.namespace) is not NoNamespace:
             self._told.append(parts.namespace.value_changed)
-        if not isinstance(parts.history, NoHistory):
+        if type(parts.history) is not NoHistory:
             self._told.append(parts.history.record)
         self._coalescer = Coalescer(analog_rate_hz)
         self._tick_s, self._each_second, self._events = tick_s, each_second, events

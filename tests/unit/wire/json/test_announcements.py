@@ -132,7 +132,7 @@ def structures_of_discovery() -> list[tuple[list[str], str]]:
         return
 
     makers = {"structure": structure, "array": nothing, "extension": nothing}
-    forms: Forms[None] = Forms._make([makers.get(name) for name in Forms._fields])
+    forms = Forms[None]._make([makers.get(name) for name in Forms._fields])
     make_structures(forms)
     return found
 

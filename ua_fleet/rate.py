@@ -68,6 +68,10 @@ class RateLimit(Budget, Generic[T]):
         self._waiting = item
         return None, replaced
 
+    def passes(self, now: float) -> bool:
+        """Whether an item may pass now, without one that waits; it counts as passed."""
+        return self._waiting is None and self.take(now)
+
     def replace(self, item: T) -> None:
         """The item waits for its turn, in place of the one that waits."""
         self._waiting = item

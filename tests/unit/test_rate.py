@@ -74,6 +74,16 @@ def test_what_overtakes_takes_the_place_of_what_waits() -> None:
     assert limit.pop(0.19) == "d"
 
 
+def test_an_item_passes_where_none_waits_and_counts() -> None:
+    limit: RateLimit[str] = RateLimit(10.0)
+    assert limit.passes(0.0)
+    assert not limit.passes(0.05)
+    assert limit.offer("a", 0.05) == (None, False)
+    assert not limit.passes(0.2), "one that waits goes first"
+    assert limit.pop(0.2) == "a"
+    assert limit.passes(0.31)
+
+
 def test_a_budget_grows_up_to_the_most_and_may_be_overdrawn() -> None:
     budget = Budget(4.0, most=8.0)
     assert budget.left(100.0) == 8.0

@@ -34,6 +34,8 @@ class Coalescer:
         elif not change.can_wait:
             limit.overtake(now)
             return change
+        elif limit.passes(now):
+            return change
         elif limit.due is not None:
             limit.replace(change)  # `poll` knows when its turn comes
             return None

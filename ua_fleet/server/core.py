@@ -40,7 +40,7 @@ from ua_fleet.pubsub.events import (
     SubscriberEvent,
 )
 from ua_fleet.pubsub.metadata import first_property
-from ua_fleet.server.attached import Clocked, Ground, Parts
+from ua_fleet.server.attached import Clocked, Ground, NoHistory, NoNamespace, Parts
 from ua_fleet.server.timetable import Timetable
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.skill.status import ROBOT_PROPERTY
@@ -98,6 +98,12 @@ class ServerCore:
         self._namespace = parts.namespace
         self._history, self._carried, self._alarms = parts.history, parts.carried, parts.alarms
         self._watched = parts.alarms.watched
+        self._told: list[Callable[[ValueChanged], None]] = []
+        """What is told of each value; a part that is not there costs nothing."""
+        if type(parts.namespace) is not NoNamespace:
+            self._told.append(parts.namespace.value_changed)
+        if type(parts.history) is not NoHistory:
+            self._told.append(parts.history.record)
         self._coalescer = Coalescer(analog_rate_hz)
         self._tick_s, self._each_second, self._events = tick_s, each_second, events
         self._counters = ground.counters
@@ -261,8 +267,7 @@ class ServerCore:
                             continue
                     elif isinstance(event, MetaDataReceived):
                         self._look_for_robot(event)
-                for value in self._values(self._state.apply(event, wall), now):
-                    self._nodes.write(value)
+                self._take(self._state.apply(event, wall), now)
                 self._follow(event, now, wall)
             except Exception as error:  # noqa: BLE001 - the events behind it have nothing to do with it
                 self._mistakes.caught("messages", error, what=type(event).__name__)
@@ -318,19 +323,15 @@ class ServerCore:
         self._carried.follow(event)
 
     def _take(self, changes: Iterable[Change], now: float) -> None:
-        for value in self._values(changes, now):
-            self._nodes.write(value)
-
-    def _values(self, changes: Iterable[Change], now: float) -> Iterator[ValueChanged]:
-        """The values of changes that are to be shown now. All other changes are shown here, in their order."""
+        """Show what is to be shown now, and hand all of it on, in its order."""
         for change in changes:
             try:
                 if type(change) is ValueChanged:
                     if (ready := self._coalescer.offer(change, now)) is not None:
-                        yield ready
-                    self._namespace.value_changed(change)
-                    self._history.record(change)
-                    if (alarm := self._watched.get(change.key)) is not None:
+                        self._nodes.write(ready)
+                    for told in self._told:
+                        told(change)
+                    if self._watched and (alarm := self._watched.get(change.key)) is not None:
                         self._alarms.look(alarm, change)
                     self._runs.value_changed(change)  # last: who does not understand a value keeps it from no node
                 elif isinstance(change, Noticed):

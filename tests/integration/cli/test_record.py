@@ -34,7 +34,7 @@ from ua_fleet.wire.security import SecurityPolicy
 
 dpkt: Any = importlib.import_module("dpkt")
 """It has no types."""
-TOPIC = Topic(2, 2, 1001)
+TOPIC, OTHER = Topic(2, 2, 1001), Topic(2, 2, 2001)
 FLEET = """\
 version: 1
 pubsub: {{security: {security}, url: {url}, keys: {{source: files}}}}
@@ -65,8 +65,8 @@ async def keyed(config: Path, space: int, *groups: str) -> Envelope:
 
 
 @asynccontextmanager
-async def publishing(config: Path, url: str) -> AsyncGenerator[Callable[[float], bytes]]:
-    """A bridge of space 2 that answers probes; a test says its values."""
+async def publishing(config: Path, url: str, *topics: Topic) -> AsyncGenerator[Callable[[float], bytes]]:
+    """A bridge of space 2 with these sources, which answers probes; a test says their values."""
     loop = asyncio.get_running_loop()
     envelope = await keyed(config, TOPIC.space, "t-2", "c-2")
     publisher = Publisher(TOPIC.space, PubSubTiming(), Counters(), Codec())
@@ -87,7 +87,8 @@ async def publishing(config: Path, url: str) -> AsyncGenerator[Callable[[float],
 
     def publish(level: float) -> bytes:
         ticks = ticks_from_unix_ns(time.time_ns())
-        send(publisher.publish(TOPIC, (level, "a"), timestamp=ticks, now=loop.time()))
+        for topic in topics:
+            send(publisher.publish(topic, (level, "a"), timestamp=ticks, now=loop.time()))
         action = ActionMessage(
             2,
             2,
@@ -103,20 +104,23 @@ async def publishing(config: Path, url: str) -> AsyncGenerator[Callable[[float],
 
     await transport.start(receive)
     try:
-        publisher.announce(TOPIC, "arm", FIELDS, now=loop.time(), wall_ticks=ticks_from_unix_ns(time.time_ns()))
+        for topic in topics:
+            publisher.announce(topic, "arm", FIELDS, now=loop.time(), wall_ticks=ticks_from_unix_ns(time.time_ns()))
         yield publish
     finally:
         await transport.close()
 
 
-async def recorded(config: Path, url: str, file: Path, processes: Processes) -> list[float]:
-    """Record until the file has the metadata and 20 values, then end the recorder as Ctrl-C does."""
+async def recorded(
+    config: Path, url: str, file: Path, processes: Processes, topics: tuple[Topic, ...] = (TOPIC,)
+) -> list[float]:
+    """Record until the file has the metadata and 60 values, then end the recorder as Ctrl-C does."""
     child = processes.start(
         *command("pubsub", "record", str(file), "-c", str(config), "--json"), env=clean_environment()
     )
     child.wait_for("recording ", 60)
     said: list[float] = []
-    async with publishing(config, url) as publish:
+    async with publishing(config, url, *topics) as publish:
         async with asyncio.timeout(60):
             last = b""
             while len(said) < 60 or not file.exists():
@@ -184,6 +188,38 @@ async def test_what_was_said_is_said_again_as_a_substitute(tmp_path: Path, proce
     assert len(good) > 30
     assert listening.values[-1].message.status == StatusCode.BAD_NO_COMMUNICATION
     assert "ActionReceived" not in listening.kinds
+
+
+async def test_only_what_is_asked_for_is_said_again(tmp_path: Path, processes: Processes) -> None:
+    url, elsewhere = free_multicast_url(), free_multicast_url()
+    config, file = fleet(tmp_path, url), tmp_path / "line.rec"
+    said = await recorded(config, url, file, processes, (TOPIC, OTHER))
+    listening = Listening(None)
+    await listening.start(elsewhere)
+    assert listening.transport is not None
+
+    async def replayed(*patterns: str) -> dict[str, Any]:
+        only = [word for pattern in patterns for word in ("--only", pattern)]
+        child = processes.start(
+            *command("pubsub", "replay", str(file), "--to", elsewhere, "--speed", "50", "--json", *only),
+            env=clean_environment(),
+        )
+        return await asyncio.to_thread(ended, child)
+
+    try:
+        one = await replayed("ua_2_2_20*")
+        assert one["sources"] == {"ua_2_2_2001": "ua_65535_2_2001"}
+        assert 30 < one["values"] <= len(said)
+        assert {event.topic for event in listening.values} == {Topic(65_535, 2, OTHER.id)}
+        both = await replayed("ua_2_2_1001", "*_2001")
+        assert set(both["sources"]) == {"ua_2_2_1001", "ua_2_2_2001"}
+        assert both["values"] == 2 * one["values"]
+        assert {event.topic.id for event in listening.values} == {TOPIC.id, OTHER.id}
+        none = await replayed("ua_2_2_1")
+        assert (none["values"], none["sources"]) == (0, {})
+        assert none["datagrams"] == both["datagrams"]
+    finally:
+        await listening.transport.close()
 
 
 async def test_a_secured_recording_needs_its_keys(tmp_path: Path, processes: Processes) -> None:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
+import sys
 from collections.abc import AsyncGenerator, Iterable
 from contextlib import asynccontextmanager
 from enum import Enum
+from fcntl import ioctl
+from termios import FIONREAD
 from typing import Any
 from unittest.mock import patch
 
@@ -44,6 +47,12 @@ def publish(topic: bytes, payload: bytes, *, retain: bool = False) -> bytes:
     return bytes((0x30 | retain,)) + length(len(body)) + body
 
 
+def publish_acknowledged(topic: bytes, payload: bytes, number: int) -> bytes:
+    """A PUBLISH of QoS 1."""
+    body = len(topic).to_bytes(2, "big") + topic + number.to_bytes(2, "big") + b"\x00" + payload
+    return b"\x32" + length(len(body)) + body
+
+
 class HostileBroker:
     """See the module."""
 
@@ -70,6 +79,12 @@ class HostileBroker:
                 if not self._answer(first, body, writer):
                     break
         writer.close()
+
+    @property
+    def unread_bytes(self) -> int:
+        """What the last connection has sent and nobody has read yet."""
+        found = ioctl(self._writers[-1].get_extra_info("socket").fileno(), FIONREAD, bytes(4))
+        return int.from_bytes(found, sys.byteorder)
 
     def close(self) -> None:
         """Close all connections."""

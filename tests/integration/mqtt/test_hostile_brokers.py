@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.integration.mqtt.hostile_broker import FIRST, Behaviour, hostile, publish
+from tests.integration.mqtt.hostile_broker import FIRST, Behaviour, hostile, publish, publish_acknowledged
 from tests.integration.mqtt.speaking import Speaking
 from tests.unit.pubsub.security.securing import action, announcement, data
 from tests.waiting import until
@@ -177,3 +177,28 @@ async def test_a_connection_that_breaks_as_the_process_ends_leaves_no_mistake_be
         server.close()
         await server.wait_closed()
     assert not said
+
+
+async def test_what_comes_at_once_is_acknowledged_before_it_is_taken_and_taken_in_its_order() -> None:
+    """A broker has a few messages in flight, and sends no more while it waits for what is slow to take them."""
+    values = [data(f"value {number}", 1) for number in range(20)]
+    mistaken = values[6]
+    at_once = b"".join(publish_acknowledged(b"ua_1_2_1001", value, number) for number, value in enumerate(values, 1))
+    async with hostile(Behaviour.RUBBISH, [at_once]) as (broker, url):
+        speaking = Speaking(url, 2)
+        taken: list[tuple[bytes, int]] = []
+
+        def take(datagram: bytes, _sender: tuple[str, int]) -> None:
+            taken.append((datagram, broker.unread_bytes))
+            if datagram == mistaken:
+                raise ZeroDivisionError
+
+        await speaking.transport.start(take)
+        await until(lambda: len(taken) == len(values), "all of them")
+        assert [datagram for datagram, _ in taken] == values
+        puback = 4
+        assert taken[0][1] <= puback, "nothing waits for the others to be read"
+        assert taken[1][1] == len(values) * puback, "all acknowledgements are on their way"
+        assert speaking.transport.stats.malformed["mistake"] == 1
+        assert speaking.transport.stats.received == len(values)
+        await speaking.transport.close()

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import uuid
 from datetime import UTC, datetime
 from typing import Any
 
 import pytest
+from asyncua import ua as typed_ua
 from asyncua.common.utils import Buffer
 
 from ua_fleet.endpoint.convert import data_value, fleet_variant, to_status, to_variant
@@ -28,6 +30,7 @@ from ua_fleet.values import (
     Variant,
 )
 
+ua: Any = typed_ua
 binary: Any = importlib.import_module("asyncua.ua.ua_binary")
 NOW = datetime(2026, 1, 2, tzinfo=UTC)
 
@@ -103,6 +106,16 @@ def test_a_structure_in_xml_is_bad_and_harms_nothing() -> None:
     assert value.StatusCode == to_status(StatusCode.BAD_DATA_ENCODING_INVALID)
     assert value.Value is not None
     assert value.Value.Value is None
+
+
+@pytest.mark.parametrize("status", [StatusCode.GOOD, StatusCode.BAD_NO_COMMUNICATION])
+@pytest.mark.parametrize("source_time", [NOW, None])
+def test_a_data_value_is_what_asyncua_would_make_of_its_parts(status: StatusCode, source_time: datetime | None) -> None:
+    value = data_value(int(BuiltinType.DOUBLE), 1.5, int(status), source_time, NOW)
+    made = ua.DataValue(ua.Variant(1.5, ua.VariantType.Double), ua.StatusCode(ua.UInt32(status)), source_time, NOW)
+    parts = [each.name for each in dataclasses.fields(ua.DataValue)]
+    assert [getattr(value, part) for part in parts] == [getattr(made, part) for part in parts]
+    assert binary.struct_to_binary(value) == binary.struct_to_binary(made)
 
 
 def test_a_bad_status_may_stand_beside_the_last_value() -> None:

@@ -62,6 +62,7 @@ _BAD: Final = 0x8000_0000
 _NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION)
 _REFUSED: Final = int(StatusCode.BAD_SECURITY_CHECKS_FAILED)
 _LAST_USABLE: Final = int(StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE)
+_OF_SOURCES: Final = (DataReceived, SourceSilent, SourceStale, SourceReturned, SourceRefused)
 
 _log: Any = structlog.get_logger("ua_fleet.server")
 
@@ -173,7 +174,7 @@ class TeleoperationService:
 
     def follow(self, event: SubscriberEvent) -> None:
         """Take what bridges say of robots, and when nothing says it any more."""
-        if not isinstance(event, DataReceived | SourceSilent | SourceStale | SourceReturned | SourceRefused):
+        if not isinstance(event, _OF_SOURCES):
             return
         robot = self._by_status.get(event.topic)
         if robot is None:

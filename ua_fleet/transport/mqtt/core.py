@@ -22,11 +22,11 @@ from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.pubsub.configuring import group_number
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.transport.base import Address
-from ua_fleet.transport.mqtt.incoming import Verdict, judge
+from ua_fleet.transport.mqtt.incoming import Verdict, judge, usual_heads
 from ua_fleet.transport.mqtt.json import Descriptions, JsonReader, JsonSettings, JsonWriter, NotItsTopic
 from ua_fleet.transport.mqtt.outbox import KEPT_FOR_S, Outbox, Parcel
 from ua_fleet.transport.mqtt.subject import Addressing, Lane, Subject
-from ua_fleet.transport.mqtt.topics import ACTION_KINDS, Kind, Place, TopicTree
+from ua_fleet.transport.mqtt.topics import ACTION_KINDS, MOST_REMEMBERED, Kind, Place, TopicTree
 from ua_fleet.transport.party import Party
 from ua_fleet.values import TICKS_PER_SECOND
 from ua_fleet.wire import encode_announcement
@@ -116,6 +116,8 @@ class MqttCore:
         self._strangers: dict[str, tuple[Kind, float]] = {}
         """What the broker retains in our name and we did not send, and since when we know."""
         self._status_at = float("-inf")
+        self._usual: dict[str, tuple[bytes, ...]] = {}
+        """How messages begin that are what their topic says, by topics on which values came."""
         self.drops: dict[Drop, int] = {}
         self.malformed = Counter[str]()
         """JSON that could not be read, by cause, since this was emptied last."""
@@ -198,6 +200,10 @@ class MqttCore:
         """There is none any more."""
         self._outbox.disconnected()
 
+    def is_usual(self, topic: str, payload: bytes) -> bool:
+        """Whether a message that is not retained is a value as most are, which `received` would hand on as it is."""
+        return payload.startswith(self._usual.get(topic, ()))
+
     def received(self, topic: str, payload: bytes, now: float, *, is_retained: bool) -> list[Heard]:
         """Judge a message of the broker: what of it is handed on."""
         if not payload:  # what clears a retained message comes to those who are subscribed
@@ -210,6 +216,10 @@ class MqttCore:
             return []
         if verdict is Verdict.KEPT:
             self._look_at_own(topic, now)
+        elif (place := self._tree.read(topic)) is not None and (heads := usual_heads(self._tree, place)):
+            if len(self._usual) >= MOST_REMEMBERED:
+                self._usual.clear()
+            self._usual[topic] = heads
         return [Heard(payload, verdict is Verdict.FRESH)]
 
     def answer_address(self, response_address: str | None, sender: Address) -> Address | None:

@@ -12,13 +12,13 @@ from functools import lru_cache
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.topics import Topic
 from ua_fleet.transport.mqtt.subject import ALL_PUBLISHERS
-from ua_fleet.transport.mqtt.topics import MOST_REMEMBERED, Kind, TopicTree, level_of
+from ua_fleet.transport.mqtt.topics import MOST_REMEMBERED, Kind, Place, TopicTree, level_of
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.header import MessageType
 from ua_fleet.wire.messages import PublisherIdType
 from ua_fleet.wire.outline import Outline, read_outline
 
-__all__ = ["Verdict", "judge"]
+__all__ = ["Verdict", "judge", "usual_heads"]
 
 _ACTIONS = frozenset({Kind.ACTION_REQUEST, Kind.ACTION_RESPONSE})
 
@@ -41,7 +41,7 @@ def judge(tree: TopicTree, topic: str, payload: bytes, *, is_retained: bool) -> 
         return Verdict.NOT_ITS_TOPIC
     # A will comes as any other message to who is subscribed; its bytes are as old as the connection that has ended.
     passed = Verdict.KEPT if is_retained or place.kind is Kind.STATUS else Verdict.FRESH
-    if place.source is not None and tree.publisher_ids is None and payload.startswith(_usual_heads(place.source)):
+    if payload.startswith(usual_heads(tree, place)):
         return passed  # as its outline would say
     try:
         outline = read_outline(Cursor(payload))
@@ -62,6 +62,11 @@ def judge(tree: TopicTree, topic: str, payload: bytes, *, is_retained: bool) -> 
     if not _is_of(outline, place.source):
         return Verdict.NOT_ITS_TOPIC
     return passed
+
+
+def usual_heads(tree: TopicTree, place: Place) -> tuple[bytes, ...]:
+    """How most messages on a topic begin, if it is one of the data of one DataSetWriter: they are what it says."""
+    return () if place.source is None or tree.publisher_ids is not None else _usual_heads(place.source)
 
 
 def _is_of(outline: Outline, source: Topic) -> bool:

@@ -139,6 +139,8 @@ class MqttTransport:
         self._receive: Receive | None = None
         self._task: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._is_behind, self._behind = False, list[Any]()
+        """Whether a message was taken in this turn of the event loop, and what came with it."""
         self._client: AsyncClient | None = None
         """Connected and subscribed."""
         self._lost: asyncio.Future[str] | None = None
@@ -390,16 +392,39 @@ class MqttTransport:
             self._lost.set_result(reason)
 
     def _heard(self, message: Any) -> None:
-        core = self._core
+        """Take a message at once, or, if it is not the first one of a turn of the event loop, in the next turn.
+
+        The client has written the acknowledgement of the first one when it calls this, and writes those of the others
+        after this turn. A broker has few messages in flight, mosquitto 20: it would wait until all of them are taken.
+        """
+        if self._is_behind:
+            self._behind.append(message)
+            return
+        self._is_behind = True
+        asyncio.get_running_loop().call_soon(self._catch_up)
+        self._take(message)
+
+    def _catch_up(self) -> None:
+        behind, self._behind = self._behind, []
+        self._is_behind = False
+        if self._task is not None:
+            for message in behind:
+                self._take(message)
+
+    def _take(self, message: Any) -> None:
+        core, receive = self._core, self._receive
         assert core is not None
+        assert receive is not None
         self.stats.received += 1
+        topic, payload, sender = message.topic, message.payload, (message.topic, 0)
         try:
-            found = core.received(message.topic, message.payload, self._clock(), is_retained=message.retain)
+            if self._speaker is not None and not message.retain and self._speaker.is_usual(topic, payload):
+                receive(payload, sender)  # most are values, and cost the least so
+            else:
+                self._hand_on(core.received(topic, payload, self._clock(), is_retained=message.retain), sender)
         except Exception as error:  # noqa: BLE001 - whatever is wrong with one message, others are behind it
             self.stats.malformed["mistake"] += 1
-            _log.error("a mistake has cost a message of the MQTT broker", topic=message.topic[:200], exc_info=error)
-            return
-        self._hand_on(found, (message.topic, 0))
+            _log.error("a mistake has cost a message of the MQTT broker", topic=topic[:200], exc_info=error)
 
     def _hand_on(self, found: Iterable[Heard], sender: Address) -> None:
         party, receive = self._party, self._receive

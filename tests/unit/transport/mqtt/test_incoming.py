@@ -5,9 +5,11 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.unit.transport.mqtt.test_broker_core import Speaking
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.pubsub.publisher_ids import PublisherIds
 from ua_fleet.topics import Topic
+from ua_fleet.transport.mqtt.core import Heard
 from ua_fleet.transport.mqtt.incoming import Verdict, judge
 from ua_fleet.transport.mqtt.topics import TopicTree
 from ua_fleet.wire.cursor import Cursor
@@ -78,3 +80,28 @@ def test_what_a_topic_says_is_read_once_and_that_of_a_long_one_each_time() -> No
     long = "opcua/uadp/metadata/1/group-2/" + "x" * 200
     assert tree.read(long) == tree.read(long)
     assert tree.read(long) is not tree.read(long)  # strangers could have it remember megabytes
+
+
+@given(SOURCES, st.lists(st.tuples(st.integers(0, 9), BYTES), max_size=1), st.binary(max_size=12))
+def test_a_message_that_is_usual_is_handed_on_as_it_is(
+    source: Topic, changed: list[tuple[int, int]], rest: bytes
+) -> None:
+    core = Speaking().core
+    topic, payload = TREE.queue(source), bytearray(head(source) + rest)
+    for place, byte in changed:
+        payload[place] = byte
+    assert not core.is_usual(topic, bytes(payload)), "nothing is known of a topic on which nothing came"
+    core.received(topic, head(source), 0.0, is_retained=False)
+    if core.is_usual(topic, bytes(payload)):
+        assert core.received(topic, bytes(payload), 0.0, is_retained=False) == [Heard(bytes(payload), True)]
+    else:
+        assert changed
+    assert not core.is_usual(TREE.queue(source._replace(id=source.id % 65_535 + 1)), bytes(payload))
+
+
+def test_nothing_is_usual_where_a_queue_does_not_say_the_publisher() -> None:
+    ids = PublisherIds({1: (PublisherIdType.STRING.value, "cell")})
+    core, source = Speaking(publisher_ids=ids).core, Topic(1, 2, 1005)
+    own = ids.outward(head(source))
+    assert core.received(TREE.queue(source), own, 0.0, is_retained=False) == [Heard(own, True)]
+    assert not core.is_usual(TREE.queue(source), own)

@@ -16,9 +16,9 @@ from tests.unit.wire.json.samples import METADATA, NOON
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import ExtensionObject
 from ua_fleet.wire import discovered as d
-from ua_fleet.wire.json import JsonAnnouncement, JsonBody, JsonCause, Leniency, configuration, decode_json, metadata
+from ua_fleet.wire.discovery_structures import Forms, make_structures
+from ua_fleet.wire.json import JsonAnnouncement, JsonBody, JsonCause, Leniency, decode_json, metadata
 from ua_fleet.wire.json import encode_announcement as encode
-from ua_fleet.wire.json.records import Record
 from ua_fleet.wire.messages import MetaDataAnnouncement, PublisherIdType
 
 ua: Any = typed_ua
@@ -120,39 +120,44 @@ def test_a_structure_of_a_broker_stays_json() -> None:
     assert json.loads(encode(back)) == tree
 
 
-NAMES: list[tuple[Record, str]] = [
-    (configuration.APPLICATION_DESCRIPTION, "ApplicationDescription"),
-    (configuration.USER_TOKEN_POLICY, "UserTokenPolicy"),
-    (configuration.ENDPOINT_DESCRIPTION, "EndpointDescription"),
-    (configuration.NETWORK_ADDRESS_URL, "NetworkAddressUrlDataType"),
-    (configuration.DATAGRAM_TRANSPORT, "DatagramConnectionTransport2DataType"),
-    (configuration.WRITER_MESSAGE, "UadpDataSetWriterMessageDataType"),
-    (configuration.GROUP_MESSAGE, "UadpWriterGroupMessageDataType"),
-    (configuration.DATA_SET_WRITER, "DataSetWriterDataType"),
-    (configuration.WRITER_GROUP, "WriterGroupDataType"),
-    (configuration.DATA_SET_READER, "DataSetReaderDataType"),
-    (configuration.READER_GROUP, "ReaderGroupDataType"),
-    (configuration.CONNECTION, "PubSubConnectionDataType"),
-    (configuration.ACTION_TARGET, "ActionTargetDataType"),
-    (configuration.ACTION_METHOD, "ActionMethodDataType"),
-    (metadata.FIELD, "FieldMetaData"),
-    (metadata.STRUCTURE_FIELD, "StructureField"),
-    (metadata.STRUCTURE_DEFINITION, "StructureDefinition"),
-    (metadata.ENUMERATION_DEFINITION, "EnumDefinition"),
-    (metadata.STRUCTURE_DESCRIPTION, "StructureDescription"),
-    (metadata.ENUMERATION_FIELD, "EnumField"),
-    (metadata.ENUMERATION_DESCRIPTION, "EnumDescription"),
-    (metadata.SIMPLE_TYPE_DESCRIPTION, "SimpleTypeDescription"),
-    (metadata.VERSION, "ConfigurationVersionDataType"),
-    (metadata.DATA_SET_META_DATA, "DataSetMetaDataType"),
+def structures_of_discovery() -> list[tuple[list[str], str]]:
+    """Names of their members, whatever the encoding, and of their DataTypes."""
+    found: list[tuple[list[str], str]] = []
+
+    def structure(kind: type, **members: None) -> None:
+        name = "DatagramConnectionTransport2" if kind is d.DatagramConnectionTransport else kind.__name__
+        found.append((list(members), name if hasattr(ua, name) else f"{name}DataType"))
+
+    def nothing(*_: object) -> None:
+        return
+
+    makers = {"structure": structure, "array": nothing, "extension": nothing}
+    forms = Forms[None]._make([makers.get(name) for name in Forms._fields])
+    make_structures(forms)
+    return found
+
+
+NAMES: list[tuple[list[str], str]] = structures_of_discovery() + [
+    (list(record.names), name)
+    for record, name in (
+        (metadata.FIELD, "FieldMetaData"),
+        (metadata.STRUCTURE_FIELD, "StructureField"),
+        (metadata.STRUCTURE_DEFINITION, "StructureDefinition"),
+        (metadata.ENUMERATION_DEFINITION, "EnumDefinition"),
+        (metadata.STRUCTURE_DESCRIPTION, "StructureDescription"),
+        (metadata.ENUMERATION_FIELD, "EnumField"),
+        (metadata.ENUMERATION_DESCRIPTION, "EnumDescription"),
+        (metadata.SIMPLE_TYPE_DESCRIPTION, "SimpleTypeDescription"),
+        (metadata.VERSION, "ConfigurationVersionDataType"),
+        (metadata.DATA_SET_META_DATA, "DataSetMetaDataType"),
+    )
 ]
 
 
-@pytest.mark.parametrize(("record", "name"), NAMES, ids=[name for _, name in NAMES])
-def test_names_of_members_are_those_of_the_data_types(record: Record, name: str) -> None:
+@pytest.mark.parametrize(("names", "data_type"), NAMES, ids=[name for _, name in NAMES])
+def test_names_of_members_are_those_of_the_data_types(names: list[str], data_type: str) -> None:
     """asyncua generates its classes from the DataTypes of the specification."""
-    theirs = [field.name for field in dataclasses.fields(getattr(ua, name))]
-    assert list(record.names) == theirs
+    assert names == [field.name for field in dataclasses.fields(getattr(ua, data_type))]
 
 
 WRONG: list[tuple[dict[str, Any], JsonCause]] = [

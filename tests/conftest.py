@@ -48,6 +48,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """`--dist loadfile` gives out files as `schedule` has it. xdist is not beside rospy."""
+    from tests.schedule import KindScheduling
+
+    return KindScheduling(config, log) if config.getoption("dist") == "loadfile" else None
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     required = {part for part in str(item.config.getoption("--require")).split(",") if part}
     for marker in item.iter_markers("needs"):

@@ -1,0 +1,118 @@
+"""The order of `make test`: who computes and who waits at once, the longest first, and each test once."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from xdist.remote import Producer
+
+from tests import schedule, system
+from tests.schedule import Duration, KindScheduling, computes, in_order, unit_of
+
+MEASURED = schedule.durations
+KNOWN = {
+    "tests/console/test_drive.py": Duration(70, 81),
+    "tests/console/test_map.py": Duration(18, 16),
+    "tests/attacks/test_ros1.py": Duration(168, 22),
+    "tests/integration/cli/": Duration(177, 73),
+    "tests/attacks/test_tcp.py": Duration(31, 7),
+}
+FILES = (
+    "tests/attacks/test_ros1.py",
+    "tests/attacks/test_tcp.py",
+    "tests/console/test_drive.py",
+    "tests/console/test_map.py",
+    "tests/integration/cli/test_login.py",
+    "tests/integration/cli/test_up.py",
+    "tests/integration/test_new.py",
+    "tests/unit/test_a.py",
+    "tests/unit/test_b.py",
+)
+
+
+@pytest.fixture(autouse=True)
+def _known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(schedule, "durations", lambda: KNOWN)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _pid: {0, 1})
+
+
+class Worker:
+    """A process of tests."""
+
+    shutting_down = False
+
+    def __init__(self, number: int) -> None:
+        self.gateway = SimpleNamespace(id=f"gw{number}")
+        self.queue: list[int] = []
+        self.ran: list[str] = []
+
+    def send_runtest_some(self, places: list[int]) -> None:
+        self.queue += places
+
+    def shutdown(self) -> None:
+        self.shutting_down = True
+
+
+def run(workers: int, nodeids: list[str]) -> list[Worker]:
+    """Each process does one of its tests, in turns."""
+    option = SimpleNamespace(loadscopereorder=False)
+    config: Any = SimpleNamespace(getvalue=lambda _name: [f"{workers}*popen"], option=option)
+    silent = Producer("", enabled=False)
+    scheduling, made = KindScheduling(config, silent), [Worker(number) for number in range(workers)]
+    for worker in made:
+        scheduling.add_node(worker)
+        scheduling.add_node_collection(worker, nodeids)
+    scheduling.schedule()
+    while any(worker.queue for worker in made):
+        for worker in made:
+            if worker.queue:
+                place = worker.queue.pop(0)
+                worker.ran.append(unit_of(nodeids[place]))
+                scheduling.mark_test_complete(worker, place)
+    assert not scheduling.has_pending
+    return made
+
+
+def test_processes_take_what_is_of_their_kind_the_longest_first() -> None:
+    nodeids = [f"{file}::test_{number}[a::b]" for file in FILES for number in range(9)]
+    made = run(4, nodeids)
+    orders = [list(dict.fromkeys(worker.ran)) for worker in made]
+    assert [order[0] for order in orders] == [
+        "tests/console/test_drive.py",
+        "tests/console/test_map.py",
+        "tests/integration/cli/",
+        "tests/attacks/test_ros1.py",
+    ]
+    assert orders[3][1] == "tests/attacks/test_tcp.py"
+    assert orders[0][1].startswith("tests/unit/")
+    assert sorted(unit for worker in made for unit in worker.ran) == sorted(map(unit_of, nodeids))
+    for unit in set(map(unit_of, nodeids)):
+        assert sum(unit in order for order in orders) == 1, f"{unit} is run by one process"
+
+
+def test_a_process_without_any_of_its_kind_helps_out() -> None:
+    (first, second, third) = run(3, [f"tests/unit/test_{number}.py::test" for number in range(60)])
+    assert len(first.ran) == len(second.ran) == len(third.ran) == 20
+
+
+def test_more_processes_than_files_are_ended() -> None:
+    made = run(6, [f"{file}::test" for file in FILES[:2]])
+    assert sum(bool(worker.ran) for worker in made) == 2
+
+
+def test_kinds_and_order() -> None:
+    assert [path for path in map(unit_of, FILES) if computes(path)] == [*FILES[2:4], *FILES[7:]]
+    assert in_order(["tests/unit/test_a.py", *FILES[:2], "tests/integration/test_new.py"]) == [
+        *FILES[:2],
+        "tests/unit/test_a.py",
+        "tests/integration/test_new.py",
+    ]
+
+
+def test_all_that_was_measured_is_there() -> None:
+    known = MEASURED()
+    assert len(known) > 50
+    assert [path for path in known if not (system.ROOT / path).exists()] == []
+    assert [path for path in known if unit_of(path) != path] == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,15 +10,15 @@ import pytest
 from xdist.remote import Producer
 
 from tests import schedule, system
-from tests.schedule import Duration, KindScheduling, computes, in_order, unit_of
+from tests.schedule import DurationRecorder, KindScheduling, computes, in_order, unit_of
 
 MEASURED = schedule.durations
 KNOWN = {
-    "tests/console/test_drive.py": Duration(70, 81),
-    "tests/console/test_map.py": Duration(18, 16),
-    "tests/attacks/test_ros1.py": Duration(168, 22),
-    "tests/integration/cli/": Duration(177, 73),
-    "tests/attacks/test_tcp.py": Duration(31, 7),
+    "tests/console/test_drive.py": 70.0,
+    "tests/console/test_map.py": 18.0,
+    "tests/attacks/test_ros1.py": 168.0,
+    "tests/integration/cli/": 177.0,
+    "tests/attacks/test_tcp.py": 31.0,
 }
 FILES = (
     "tests/attacks/test_ros1.py",
@@ -108,6 +109,20 @@ def test_kinds_and_order() -> None:
         *FILES[:2],
         "tests/unit/test_a.py",
         "tests/integration/test_new.py",
+    ]
+
+
+def test_what_was_run_is_recorded_and_the_rest_kept(tmp_path: Path) -> None:
+    recorder = DurationRecorder(tmp_path / "durations.txt")
+    for nodeid, seconds in ((f"{FILES[0]}::a", 60.0), (f"{FILES[0]}::b", 70.4), (f"{FILES[7]}::c", 2.9)):
+        recorder.pytest_runtest_logreport(SimpleNamespace(nodeid=nodeid, duration=seconds))  # type: ignore[arg-type]
+    recorder.pytest_sessionfinish()
+    assert (tmp_path / "durations.txt").read_text().splitlines()[1:] == [
+        "177 tests/integration/cli/",
+        "130 tests/attacks/test_ros1.py",
+        "70 tests/console/test_drive.py",
+        "31 tests/attacks/test_tcp.py",
+        "18 tests/console/test_map.py",
     ]
 
 

@@ -3,8 +3,8 @@
 Some files compute nearly all of the time, most wait for processes that they have started. Where four files of the first
 kind are run side by side on two cores, all of them are late; where six of the second are, the cores rest. So as many
 processes as there are cores take those that compute, the others those that wait, each the longest first, and last what
-no run has recorded: the many short files of `tests/unit` fill the end up. A process that finds none of its kind takes one
-of the other.
+no run has recorded: the many short files of `tests/unit` fill the end up. A process that finds none of its kind takes
+one of the other.
 
 `durations.txt` decides an order and nothing else. `make test ARGS=--record-durations` writes it anew.
 """
@@ -36,6 +36,8 @@ _COMPUTE: Final = (
     "tests/unit/",
 )
 """How files begin that compute for more than half of their time."""
+_NETWORK: Final = ("tests/integration/ros1/test_cut_off.py", "tests/integration/transport/test_udp")
+"""How files begin that make and take away interfaces of the machine, for which a browser gives up what it loads."""
 _SHORTEST_S: Final = 3.0
 """Of what is recorded."""
 
@@ -47,8 +49,8 @@ def unit_of(nodeid: str) -> str:
 
 
 def computes(unit: str) -> bool:
-    """Whether a file or folder computes for most of its time."""
-    return unit.startswith(_COMPUTE)
+    """Whether a file or folder computes for most of its time, or has to come after those that do."""
+    return unit.startswith((*_COMPUTE, *_NETWORK))
 
 
 @functools.cache
@@ -59,9 +61,12 @@ def durations() -> Mapping[str, float]:
 
 
 def in_order(units: Iterable[str]) -> list[str]:
-    """The longest first; those that no run has recorded come last, in the order in which they are given."""
+    """The longest first; those that no run has recorded come last, in the order in which they are given.
+
+    Those that change the network come when all that is longer is under way, and so all that has a browser.
+    """
     known = durations()
-    return sorted(units, key=lambda unit: -known.get(unit, 0.0))
+    return sorted(units, key=lambda unit: -(_SHORTEST_S if unit.startswith(_NETWORK) else known.get(unit, 0.0)))
 
 
 class KindScheduling(LoadScopeScheduling):

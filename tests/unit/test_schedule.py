@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -110,6 +111,20 @@ def test_kinds_and_order() -> None:
         "tests/unit/test_a.py",
         "tests/integration/test_new.py",
     ]
+
+
+def test_what_changes_the_network_comes_after_browsers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(schedule, "durations", MEASURED)
+    network = "tests/integration/transport/test_udp.py"
+    assert computes(network)
+    files = [str(path.relative_to(system.ROOT)) for path in (system.ROOT / "tests").rglob("test_*.py")]
+    ordered = in_order(files)
+    assert ordered.index(network) < len(files) / 2, "it does not stay alone at the end"
+    needs = re.compile(r'needs\([^)]*"chromium"')
+    browsers = [file for file in files if needs.search((system.ROOT / file).read_text(encoding="utf-8"))]
+    console = [file for file in files if file.startswith("tests/console/")]
+    assert len(browsers) > 3
+    assert [file for file in browsers + console if ordered.index(file) > ordered.index(network)] == []
 
 
 def test_what_was_run_is_recorded_and_the_rest_kept(tmp_path: Path) -> None:

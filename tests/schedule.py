@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
-from xdist.scheduler.loadscope import LoadScopeScheduling
+from xdist.scheduler.loadscope import LoadScopeScheduling  # type: ignore[import-untyped]
 
 __all__ = ["DURATIONS", "DurationRecorder", "KindScheduling", "computes", "durations", "in_order", "unit_of"]
 
@@ -69,13 +69,14 @@ def in_order(units: Iterable[str]) -> list[str]:
     return sorted(units, key=lambda unit: -(_SHORTEST_S if unit.startswith(_NETWORK) else known.get(unit, 0.0)))
 
 
-class KindScheduling(LoadScopeScheduling):
+class KindScheduling(LoadScopeScheduling):  # type: ignore[misc]
     """Gives a file to one process, and the next one when that has two tests left."""
 
     def __init__(self, config: Any, log: Any = None) -> None:
         super().__init__(config, log)
         self._cores = len(os.sched_getaffinity(0))
         self._places: dict[str, int] = {}
+        self.workqueue: OrderedDict[str, dict[str, bool]]
 
     def _split_scope(self, nodeid: str) -> str:
         return unit_of(nodeid)

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from xdist.remote import Producer
+from xdist.remote import Producer  # type: ignore[import-untyped]
 
 from tests import schedule, system
 from tests.schedule import DurationRecorder, KindScheduling, computes, in_order, unit_of
@@ -34,10 +34,14 @@ FILES = (
 )
 
 
+def _two_cores(_pid: int) -> set[int]:
+    return {0, 1}
+
+
 @pytest.fixture(autouse=True)
 def _known(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(schedule, "durations", lambda: KNOWN)
-    monkeypatch.setattr("os.sched_getaffinity", lambda _pid: {0, 1})
+    monkeypatch.setattr("os.sched_getaffinity", _two_cores)
 
 
 class Worker:
@@ -60,9 +64,10 @@ class Worker:
 def run(workers: int, nodeids: list[str]) -> list[Worker]:
     """Each process does one of its tests, in turns."""
     option = SimpleNamespace(loadscopereorder=False)
-    config: Any = SimpleNamespace(getvalue=lambda _name: [f"{workers}*popen"], option=option)
+    config: Any = SimpleNamespace(getvalue={"tx": [f"{workers}*popen"]}.__getitem__, option=option)
     silent = Producer("", enabled=False)
-    scheduling, made = KindScheduling(config, silent), [Worker(number) for number in range(workers)]
+    scheduling: Any = KindScheduling(config, silent)
+    made = [Worker(number) for number in range(workers)]
     for worker in made:
         scheduling.add_node(worker)
         scheduling.add_node_collection(worker, nodeids)

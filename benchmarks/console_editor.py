@@ -114,7 +114,7 @@ def moved_in(browser: Browser, url: str, name: str, chance: random.Random) -> li
 
 def figures(rounds: int = FEWEST_ROUNDS) -> list[Figure]:
     chance, large, small, moved = random.Random(5), list[float](), list[float](), list[float]()
-    with running() as (_, console), chromium() as browser:
+    with running() as (_, console), chromium(whole=True) as browser:
         for _ in range(max(rounds, FEWEST_ROUNDS)):
             large += written_in(browser, console.url, "large", chance)
             small += written_in(browser, console.url, "small", chance)

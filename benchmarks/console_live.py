@@ -122,7 +122,7 @@ def figures(rounds: int = FEWEST_ROUNDS) -> list[Figure]:
             raise Unavailable(reason)
     rounds = max(rounds, FEWEST_ROUNDS)
     with tempfile.TemporaryDirectory() as place, live_fleet(ROBOTS, folder := Path(place)) as running:
-        with chromium() as browser:
+        with chromium(whole=True) as browser:
             usable = [usable_s(browser, running.console.url)[0] for _ in range(rounds)]
             took: list[float] = []
             with opened(browser, running.console.url, f"#/{FLEET}/robot/{robot_name(0)}") as page:

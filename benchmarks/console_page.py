@@ -123,7 +123,7 @@ def page_figures(browser: Browser, url: str, name: str, rounds: int) -> list[Fig
 
 def figures(rounds: int = FEWEST_ROUNDS, names: tuple[str, ...] = tuple(PLACES)) -> list[Figure]:
     rounds = max(rounds, FEWEST_ROUNDS)
-    with playing() as url, chromium() as browser:
+    with playing() as url, chromium(whole=True) as browser:
         found = [one for name in names for one in page_figures(browser, url, name, rounds)]
         first = [usable_s(browser, url) for _ in range(rounds)]
     usable, script = statistics.median(one[0] for one in first), first[0][1]
@@ -141,7 +141,7 @@ def heap_figures(minutes: float = HEAP_UNTIL_MIN) -> list[Figure]:
     """
     first_at = HEAP_FROM_MIN * minutes / HEAP_UNTIL_MIN
     heaps, kept, nodes = list[float](), list[float](), list[int]()
-    with playing() as url, chromium() as browser, opened(browser, url, PLACES["Fleet, cards"]) as page:
+    with playing() as url, chromium(whole=True) as browser, opened(browser, url, PLACES["Fleet, cards"]) as page:
         heap, began = Heap(page), time.monotonic()
         for until in (first_at, minutes):
             while time.monotonic() - began < until * 60:

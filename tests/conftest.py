@@ -46,6 +46,24 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default="",
         help="comma-separated parts of the system whose absence fails the tests that need them, e.g. ros1,ros2",
     )
+    parser.addoption(
+        "--record-durations", action="store_true", help="write to tests/durations.txt what the files of tests take"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--record-durations") and not hasattr(config, "workerinput"):
+        from tests.schedule import DurationRecorder
+
+        config.pluginmanager.register(DurationRecorder())
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """`--dist loadfile` gives out files as `schedule` has it. xdist is not beside rospy."""
+    from tests.schedule import KindScheduling
+
+    return KindScheduling(config, log) if config.getoption("dist") == "loadfile" else None
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

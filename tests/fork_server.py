@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import faulthandler
 import gc
 import importlib
 import json
@@ -46,6 +47,7 @@ def become(request: dict[str, Any], descriptors: list[int]) -> None:
     program = request["program"]
     sys.argv = [program, *request["arguments"]]
     sys.path[0] = request["folder"] if request["is_module"] else os.path.dirname(os.path.abspath(program))
+    faulthandler.enable()  # one that has to be killed says by SIGABRT where it stands
     sys.path[1:1] = [place for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place]
     gc.enable()
 

@@ -133,8 +133,13 @@ def _npm() -> str | None:
     return None if packages.exists() else "the packages of web/ are not installed; run: make setup-test"
 
 
+def chromium() -> str | None:
+    """The browser of tests: Chromium without a window to draw, where that is installed; it computes half as long."""
+    return shutil.which("chromium-headless-shell") or shutil.which("chromium")
+
+
 def _chromium() -> str | None:
-    if shutil.which("chromium") is None:
+    if chromium() is None:
         return "chromium is not installed (Debian package chromium)"
     if not (ROOT / "ua_fleet" / "console" / "page" / "index.html").exists():
         return "the console's page is not built; run: make setup-test"
@@ -316,19 +321,39 @@ class Child:
         os.killpg(self.process.pid, signal.SIGCONT)
 
     def end(self, signal_number: int = signal.SIGTERM, timeout_s: float = 30) -> int:
-        """End the process and its children; its exit code."""
+        """End the process and its children; its exit code.
+
+        Raises AssertionError, with its last lines, for one that did not end by the signal in this time; it is killed.
+        """
+        was_killed = False
         if self.process.poll() is None:
             os.killpg(self.process.pid, signal_number)
             os.killpg(self.process.pid, signal.SIGCONT)
             try:
                 self.process.wait(timeout_s)
             except subprocess.TimeoutExpired:
-                os.killpg(self.process.pid, signal.SIGKILL)
-                self.process.wait()
+                was_killed = True
+                self._kill()
         self._reader.join(timeout_s)
         if self.process.stdout is not None:
             self.process.stdout.close()
-        return self.process.wait()
+        code = self.process.wait()
+        if was_killed:
+            lines = "\n".join(f"    {line[:400]}" for line in self.lines[-60:])
+            by = signal.Signals(signal_number).name
+            raise AssertionError(
+                f"{' '.join(self.args)} did not end by {by} within {timeout_s:g} s, and was killed; its last:\n{lines}"
+            )
+        return code
+
+    def _kill(self) -> None:
+        """End what does not end in order. A Python with faulthandler, as a forked one, says where it stands before."""
+        with contextlib.suppress(ProcessLookupError, subprocess.TimeoutExpired):
+            os.killpg(self.process.pid, signal.SIGABRT)
+            self.process.wait(5)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
 
 
 def run(
@@ -352,6 +377,8 @@ class Processes:
 
     at_work: ClassVar[set[Processes]] = set()
     """Those whose context lasts."""
+    patience_s: ClassVar[float] = 30
+    """For one to end in order as the context ends."""
 
     def __init__(self) -> None:
         self._children: list[Child] = []
@@ -397,5 +424,13 @@ class Processes:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.at_work.discard(self)
+        stuck: list[str] = []
         for child in reversed(self._children):
-            child.end()
+            try:
+                child.end(timeout_s=self.patience_s)
+            except AssertionError as killed:
+                stuck.append(str(killed))
+        if stuck and error is not None:
+            error.add_note("\n".join(stuck))
+        elif stuck:
+            raise AssertionError("\n".join(stuck))

@@ -8,6 +8,8 @@ import rclpy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 
+from tests.ros2_spinning import spin_node
+
 kind, domain = sys.argv[1], int(sys.argv[2])
 number = int(sys.argv[3]) if len(sys.argv) > 3 else 0
 
@@ -89,4 +91,4 @@ def flooding() -> None:
     "rubbish": rubbish,
 }[kind]()
 print("done", flush=True)
-rclpy.spin(node)
+spin_node(node)

@@ -1,7 +1,6 @@
 # pyright: basic, reportMissingImports=false, reportPrivateImportUsage=false
 """Servers of services and actions in ROS 2 that misbehave: `ros2_servers.py KIND DOMAIN`."""
 
-import contextlib
 import math
 import os
 import sys
@@ -12,9 +11,11 @@ from typing import Any
 import rclpy
 from nav_msgs.srv import LoadMap
 from rclpy.action import ActionServer
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
+
+from tests.ros2_spinning import spin
 
 kind, domain = sys.argv[1], int(sys.argv[2])
 rclpy.init(domain_id=domain)
@@ -95,6 +96,5 @@ executor = MultiThreadedExecutor()
 executor.add_node(node)
 if kind == "two":
     executor.add_node(other)
-with contextlib.suppress(ExternalShutdownException):
-    executor.spin()
+spin(executor)
 os._exit(0)  # Python would wait for a callback that is silent

@@ -69,17 +69,18 @@ _MOST_TABS: Final = 80
 _RULES: Final = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
 
 
-def chromium_options(*options: str) -> dict[str, Any]:
-    """How the system's Chromium is launched, by Playwright of either kind."""
+def chromium_options(*options: str, whole: bool = False) -> dict[str, Any]:
+    """How the system's Chromium is launched, by Playwright of either kind; `whole`: as a person has it."""
     sandbox = ("--no-sandbox",) if os.geteuid() == 0 else ()
-    return {"executable_path": shutil.which("chromium"), "args": [*_OPTIONS, *sandbox, *options]}
+    program = (shutil.which("chromium") if whole else None) or system.chromium()
+    return {"executable_path": program, "args": [*_OPTIONS, *sandbox, *options]}
 
 
 @contextmanager
-def chromium(*options: str) -> Generator[Browser]:
-    """The system's Chromium, without a window."""
+def chromium(*options: str, whole: bool = False) -> Generator[Browser]:
+    """The system's Chromium, without a window; `whole`: all of it, for what is measured."""
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(**chromium_options(*options))
+        browser = playwright.chromium.launch(**chromium_options(*options, whole=whole))
         try:
             yield browser
         finally:

@@ -4,7 +4,6 @@
 Prints `begun JOB`, `done JOB`, `refused JOB`.
 """
 
-import contextlib
 import json
 import sys
 import threading
@@ -12,9 +11,9 @@ import time
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from std_msgs.msg import String
 
+from tests.ros2_spinning import spin_node
 from tests.saying import say
 
 rclpy.init()
@@ -52,5 +51,4 @@ def on_request(message: Any) -> None:
 
 node.create_subscription(String, f"ua_0_2_{skill}", on_request, 10)
 say("ready")
-with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
-    rclpy.spin(node)
+spin_node(node)

@@ -4,16 +4,15 @@
 ros2_skilled.py SPACE SKILL_ID
 """
 
-import contextlib
 import sys
 import time
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from ua_bridges.robot import Execution, Refused
 from ua_bridges.robot.ros2 import Robot
 
+from tests.ros2_spinning import spin_node
 from tests.saying import say
 
 rclpy.init()
@@ -37,5 +36,4 @@ def work(execution: Execution, work: str, seconds: float) -> dict[str, Any]:
 
 
 say("ready")
-with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
-    rclpy.spin(node)
+spin_node(node)

@@ -19,6 +19,7 @@ def written(site: Site) -> Site:
     """What clients write is kept."""
     for value in VALUES:
         assert site.run("write", "rover.goal", str(value)).code == 0
+    assert site.run("write", "rover.name", "carrier").code == 0
     return site
 
 
@@ -72,7 +73,8 @@ def test_drawn(written: Site, tmp_path: Path) -> None:
         (("rover.goal", "--calculate", "count", "--every", "5"), 2, "'5' is no duration"),
         (("rover.nothing",), 3, "rover"),
         (("rover.State",), 1, "keeps no history"),
-        (("rover.name", "--calculate", "average", "--since", "10m"), 0, ""),
+        (("rover.name", "--calculate", "average", "--since", "10m"), 1, "BadAggregateInvalidInputs"),
+        (("rover.name", "--calculate", "average", "--until", "2d", "--since", "3d"), 0, ""),
         (("rover.goal", "--until", "2d", "--since", "3d"), 0, "nothing was kept in this time"),
     ],
 )

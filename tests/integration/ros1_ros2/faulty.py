@@ -21,9 +21,10 @@ def in_ros1() -> Any:
 
 def in_ros2() -> Any:
     import rclpy
+    from rclpy.signals import SignalHandlerOptions
     from ua_bridges.robot.ros2 import Robot
 
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # whose handlers would leave SIGTERM to nobody
     node = rclpy.create_node("faulty")
     threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()
     return Robot(node, space=space, fault_id=fault_id)

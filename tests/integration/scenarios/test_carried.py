@@ -254,7 +254,10 @@ async def test_who_takes_over_is_chosen_through_the_server(plant: Plant) -> None
             run_id = await run_carried(client, "three")
             decision = await open_decision(client)
             path = f"Resilience.Decisions.{decision}"
-            assert await value(client, f"{path}.Robots") == ["left", "right"]
+            # The server has heard all robots; the bridge that asks ranks those that it has heard itself.
+            await until(
+                lambda: value(client, f"{path}.Robots"), lambda robots: robots == ["left", "right"], timeout_s=60
+            )
             assert sum(await value(client, f"{path}.Scores")) == pytest.approx(1)
             assert f"decision confirm {decision}" in await reason_of(client, run_id)
             nobody = await call(client, "Resilience", "Confirm", decision, "middle")

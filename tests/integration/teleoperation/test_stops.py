@@ -50,10 +50,15 @@ def stop_of(speeds: list[Speed], after: float) -> tuple[float, float]:
 
 
 async def full_speed(hall: Hall, driver: Driver) -> None:
-    await driver.acquired()
-    await driver.drive(0.1, 0.0)
-    await driver.drive(1.2, SPEED)
-    assert hall.speeds()[-1].linear == pytest.approx(SPEED)
+    """Get the robot and have it drive; again where a busy machine has sent no setpoint for DEADMAN_S."""
+    async with asyncio.timeout(WAIT_S):
+        while True:
+            await driver.acquired()
+            await driver.drive(0.1, 0.0)
+            await driver.drive(1.2, SPEED)
+            if hall.speeds()[-1].linear == pytest.approx(SPEED):
+                return
+            await rest(driver)
 
 
 async def stands(hall: Hall, since: float) -> None:

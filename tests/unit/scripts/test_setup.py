@@ -200,11 +200,11 @@ def ends_in_silence(tmp_path: Path, delay_s: float, goal: str = "demo", **others
     environment = system.clean_environment(PYTHON=sys.executable, **others)
     command = ("make", goal)
     ended = terminal.typed_after(
-        command, "making .venv", terminal.CTRL_C, folder=tmp_path, environment=environment, delay_s=delay_s
+        command, "making .venv with", terminal.CTRL_C, folder=tmp_path, environment=environment, delay_s=delay_s
     )
     said = ended.shown.replace("\r", "").splitlines()
     # A shell may say something of its own before, of a locale that is not there for one.
-    began = next(at for at, line in enumerate(said) if line.startswith("setup: making .venv"))
+    began = next(at for at, line in enumerate(said) if line.startswith("setup: making .venv with"))
     told = [line for line in said[began + 1 :] if not line.startswith("setup: making .venv-ros1")]  # beside the other
     assert told == ["^C", "setup: ended by Ctrl-C; the next one goes on from here"]
     assert ended.code == -signal.SIGINT

@@ -4,7 +4,6 @@
 Its program `drive` remembers executions; `/move` (geometry_msgs/Twist) is a topic, of which nobody can ask anything.
 """
 
-import contextlib
 import sys
 import threading
 import time
@@ -12,11 +11,12 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import Twist
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from std_msgs.msg import String
 from ua_bridges.robot import Execution
 from ua_bridges.robot.ros2 import Robot
 
+from tests.ros2_spinning import spin
 from tests.saying import say
 
 MOVE_S = 1.0
@@ -47,5 +47,4 @@ node.create_subscription(Twist, "/move", on_move, 10)
 executor = MultiThreadedExecutor()
 executor.add_node(node)
 say("ready")
-with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
-    executor.spin()
+spin(executor)

@@ -5,14 +5,14 @@ listener.py TOPIC TYPE [--best-effort] [--transient-local] [--name NODE] [--meet
 """
 
 import argparse
-import contextlib
 import importlib
 import time
 
 import rclpy
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from tests.ros2_spinning import spin_node
 
 parser = argparse.ArgumentParser()
 parser.add_argument("topic")
@@ -41,5 +41,4 @@ node.create_subscription(
 while args.meet and args.meet not in node.get_node_names():
     time.sleep(0.01)
 print("ready", flush=True)
-with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
-    rclpy.spin(node)
+spin_node(node)

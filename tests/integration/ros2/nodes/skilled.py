@@ -5,7 +5,6 @@ skilled.py SPACE: prints what it is told. Move (geometry_msgs/Twist on /move) en
 its value: linear.x 1 is done, 2 fails, 3 goes on until it is halted by 0.
 """
 
-import contextlib
 import sys
 import threading
 import time
@@ -15,11 +14,12 @@ import rclpy
 from geometry_msgs.msg import Twist
 from nav_msgs.srv import LoadMap
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from std_msgs.msg import String
 from ua_bridges.robot import Execution, Refused
 from ua_bridges.robot.ros2 import Robot
 
+from tests.ros2_spinning import spin
 from tests.saying import say
 
 space = int(sys.argv[1])
@@ -75,5 +75,4 @@ node.create_service(LoadMap, "/load_map", on_map, callback_group=ReentrantCallba
 executor = MultiThreadedExecutor()
 executor.add_node(node)
 say("ready")
-with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
-    executor.spin()
+spin(executor)

@@ -4,16 +4,16 @@
 It refuses angles above 360, and aborts those below -360.
 """
 
-import contextlib
 import time
 from typing import Any
 
 import rclpy
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from robot_msgs.action import Turn
 
+from tests.ros2_spinning import spin
 from tests.saying import say
 
 rclpy.init()
@@ -56,5 +56,4 @@ server = ActionServer(
 executor = MultiThreadedExecutor()
 executor.add_node(node)
 say("ready")
-with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
-    executor.spin()
+spin(executor)

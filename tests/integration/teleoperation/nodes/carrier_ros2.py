@@ -17,6 +17,8 @@ from ua_bridges.robot import Execution
 from ua_bridges.robot.ros2 import Robot
 from waited import waited  # type: ignore[import-not-found]
 
+from tests.ros2_spinning import spin_node
+
 lock = threading.Lock()
 tells_waited = sys.argv[-1] == "waited"
 
@@ -45,4 +47,4 @@ def wave(execution: Execution, seconds: float) -> None:
 
 
 print("ready", flush=True)
-rclpy.spin(node)
+spin_node(node)

@@ -10,6 +10,8 @@ from ua_fleet.client.attributes import NodeAttribute
 from ua_fleet.client.browsing import NodeInfo
 from ua_fleet.client.cards import CardNode, card_nodes
 from ua_fleet.client.charges import ChargeNode, charge_nodes
+from ua_fleet.client.condition_methods import ConditionClient
+from ua_fleet.client.conditions import ConditionInfo, ConditionsKnown
 from ua_fleet.client.details import ValueDetails
 from ua_fleet.client.events import (
     DecisionTold,
@@ -83,6 +85,9 @@ __all__ = [
     "Change",
     "ChargeNode",
     "ClientIdentity",
+    "ConditionClient",
+    "ConditionInfo",
+    "ConditionsKnown",
     "DataNode",
     "DecisionInfo",
     "DecisionTold",

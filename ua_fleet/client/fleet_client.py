@@ -22,6 +22,7 @@ from ua_fleet.client.attributes import NodeAttribute, read_attributes
 from ua_fleet.client.batches import Batches
 from ua_fleet.client.browsing import NodeInfo, browse_below
 from ua_fleet.client.calls import call
+from ua_fleet.client.conditions import ConditionInfo, ConditionsKnown, conditions_told
 from ua_fleet.client.convert import parse_value
 from ua_fleet.client.details import ValueDetails, value_details
 from ua_fleet.client.events import Told, told_by
@@ -435,6 +436,13 @@ class FleetClient:
         The iterator raises NotConnected when the connection is lost.
         """
         return all_events(self._client, self.batches, self.endpoint, self._subscriptions)
+
+    def conditions(self) -> AbstractAsyncContextManager[AsyncIterator[ConditionInfo | ConditionsKnown]]:
+        """Alarms, faults and dialogs: those there are, a ConditionsKnown, then each change, while the context lasts.
+
+        The iterator raises NotConnected when the connection is lost.
+        """
+        return conditions_told(self._client, self.batches, self.endpoint, self._subscriptions)
 
     def model_changes(self, *, period_ms: float = 250.0) -> AbstractAsyncContextManager[ModelChanges]:
         """That nodes have come or gone, while the context lasts: await `wait()` of what is entered."""

@@ -60,11 +60,12 @@ _STANDARD: Final = (
 _OWN: Final = ("Robot", "FaultSource", "Reason", "Capacities")
 """Fields of FaultAlarmType."""
 _QUEUE: Final = 10_000
-_PUT_ASIDE: Final = "Fleet.Alarms.PutAside"
+_PUT_ASIDE: Final = "ns=2;s=Fleet.Alarms.PutAside"
 _MOST_READ: Final = 500
 """Alarms put aside that are read: each read makes some fifty nodes in the server."""
 _STORM: Final = 1_000
 """Events in a second after which some may have been lost: a server has room for 2,000 that wait."""
+_WINDOW_S: Final = 1.0
 _CALM_S: Final = 2.0
 
 
@@ -148,6 +149,7 @@ class _Watch:
         self._subscription_id = 0
         self._seen: set[str] = set()
         self._is_whole = False
+        self._is_refreshing = self._is_stormy = False
         self._counted_from, self._count = 0.0, 0
 
     async def begin(self, subscription: Subscription) -> None:
@@ -160,12 +162,11 @@ class _Watch:
         """What is told; raises NotConnected when the connection is lost."""
         while True:
             try:
-                async with asyncio.timeout(_CALM_S if self._count >= _STORM else None):
+                async with asyncio.timeout(_CALM_S if self._is_stormy or self._count >= _STORM else None):
                     event = await self.events.next()
             except TimeoutError:
-                self._count = 0
-                with translated(self._endpoint):
-                    await self._refresh()
+                self._is_stormy, self._count = False, 0
+                await self._refresh()
                 continue
             if event is None:
                 raise NotConnected(f"the connection to {self._endpoint} was lost")
@@ -175,42 +176,47 @@ class _Watch:
                 async for info in self._put_aside():
                     yield info
                 yield ConditionsKnown(frozenset(self._seen), self._is_whole)
-                self._is_whole = False
+                self._is_whole = self._is_refreshing = False
             elif event.EventType == _REQUIRED:
-                with translated(self._endpoint):
-                    await self._refresh()
+                await self._refresh()
             else:
-                self._count_one()
-                info = self._info(event.NodeId, vars(event))
+                info = self._info(event.NodeId.to_string(), vars(event))
                 self._seen.add(info.node_id)
                 yield info
+                if not self._is_refreshing and self._is_calm_again():
+                    await self._refresh()
 
     async def _refresh(self) -> None:
         """ConditionRefresh (OPC 10000-9 5.5.7)."""
+        self._is_refreshing = True
         number = ua.Variant(self._subscription_id, ua.VariantType.UInt32)
         owner, method = ua.ObjectIds.ConditionType, ua.ObjectIds.ConditionType_ConditionRefresh
-        await call(
-            self._client, ua.CallMethodRequest(ua.NodeId(ua.Int32(owner)), ua.NodeId(ua.Int32(method)), [number])
-        )
+        wanted = ua.CallMethodRequest(ua.NodeId(ua.Int32(owner)), ua.NodeId(ua.Int32(method)), [number])
+        with translated(self._endpoint):
+            await call(self._client, wanted)
 
-    def _count_one(self) -> None:
+    def _is_calm_again(self) -> bool:
+        """Count an event that is none of a refresh; whether a storm has passed with it."""
         now = asyncio.get_running_loop().time()
-        if now - self._counted_from > 1.0 and self._count < _STORM:
-            self._counted_from, self._count = now, 0
-        self._count += 1
+        if now - self._counted_from <= _WINDOW_S:
+            self._count += 1
+            return False
+        before, self._count, self._counted_from = self._count, 1, now
+        if before >= _STORM:
+            self._is_stormy = True
+            return False
+        was_stormy, self._is_stormy = self._is_stormy, False
+        return was_stormy
 
     async def _put_aside(self) -> AsyncGenerator[ConditionInfo]:
         """Alarms that the refresh has not told, since they are inactive, and that are put aside."""
         with translated(self._endpoint):
-            (listed,) = await self._batches.read([ua.NodeId(_PUT_ASIDE, ua.Int16(2))])
+            (listed,) = await self._batches.read([ua.NodeId.from_string(_PUT_ASIDE)])
             names: list[str] = list(listed.Value.Value or ()) if listed.Value is not None else []
-            ids = [ua.NodeId(f"Alarms.{name}", ua.Int16(2)) for name in names]
-            left = [one for one in ids if one.to_string() not in self._seen][:_MOST_READ]
-            members = [
-                ua.NodeId(f"{one.Identifier}.{path.replace('/', '.')}", ua.Int16(2))
-                for one in left
-                for path in _STANDARD
-            ]
+            ids = [f"ns=2;s=Alarms.{name}" for name in names]
+            left = [one for one in ids if one not in self._seen][:_MOST_READ]
+            paths = [path.replace("/", ".") for path in _STANDARD]
+            members = [ua.NodeId.from_string(f"{one}.{path}") for one in left for path in paths]
             values = await self._batches.read(members) if members else []
         for at, node in enumerate(left):
             read = values[at * len(_STANDARD) : (at + 1) * len(_STANDARD)]
@@ -219,10 +225,10 @@ class _Watch:
                 for path, data in zip(_STANDARD, read, strict=True)
             }
             if fields["EventType"] is not None:  # it may have gone meanwhile
-                self._seen.add(node.to_string())
+                self._seen.add(node)
                 yield self._info(node, fields)
 
-    def _info(self, node: ua.NodeId, fields: Mapping[str, Any]) -> ConditionInfo:
+    def _info(self, node: str, fields: Mapping[str, Any]) -> ConditionInfo:
         """A condition of the fields of its event, or of its members."""
         kind = self._kind(fields["EventType"])
         at, shelving = _time(fields["Time"]), ""
@@ -234,7 +240,7 @@ class _Watch:
         retain, confirmed = bool(fields["Retain"]), fields["ConfirmedState/Id"]
         quality: Any = fields["Quality"]
         return ConditionInfo(
-            node_id=node.to_string(),
+            node_id=node,
             event_id=bytes(fields["EventId"] or b""),
             kind=kind,
             name=str(fields["ConditionName"] or ""),
@@ -263,9 +269,10 @@ class _Watch:
         )
 
     def _kind(self, event_type: ua.NodeId) -> str:
+        identifier: Any = event_type.Identifier
         if event_type.NamespaceIndex == self._types:
-            return "fault" if event_type.Identifier == _FAULT_ALARM else "other"
-        return _KINDS.get(event_type.Identifier, "other") if event_type.NamespaceIndex == 0 else "other"
+            return "fault" if identifier == _FAULT_ALARM else "other"
+        return _KINDS.get(identifier, "other") if event_type.NamespaceIndex == 0 else "other"
 
 
 @asynccontextmanager

@@ -73,6 +73,7 @@ from ua_fleet.client.teleoperation import (
     watch_teleoperation,
 )
 from ua_fleet.client.translated import NodeNotFound
+from ua_fleet.client.trends import Trend
 
 __all__ = [
     "POLICIES",
@@ -142,6 +143,7 @@ __all__ = [
     "TeleoperationInfo",
     "TeleoperationStatus",
     "Told",
+    "Trend",
     "ValueDetails",
     "WouldHappen",
     "bridge_nodes",

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from datetime import datetime
 from typing import Any, Final, Self, overload
 
 from asyncua import Client, Node, ua
@@ -39,6 +40,7 @@ from ua_fleet.client.structures import Structures
 from ua_fleet.client.subscriptions import Subscriptions, subscribe
 from ua_fleet.client.summaries import RobotSummary, SummariesChanged, read_summaries, watch_summaries
 from ua_fleet.client.translated import NodeNotFound, quietly, translated
+from ua_fleet.client.trends import Trend, read_trends
 from ua_fleet.errors import AccessRefused, NotConnected
 from ua_fleet.values import StatusCode
 
@@ -245,6 +247,10 @@ class FleetClient:
     def history(self, node_id: str, wanted: HistoryWanted) -> AsyncGenerator[Reading]:
         """What the server has kept of a node's value; raises as `read_history`."""
         return read_history(self._client, self.endpoint, node_id, wanted)
+
+    async def trends(self, node_ids: Sequence[str], since: datetime, until: datetime, most: int) -> dict[str, Trend]:
+        """The courses of numbers that have a history, each in at most `most` points; raises as `read_trends`."""
+        return await read_trends(self._client, self.endpoint, node_ids, since, until, most)
 
     async def attributes(self, address: str) -> list[NodeAttribute]:
         """All attributes of a node but its value; NodeNotFound where there is no such node."""

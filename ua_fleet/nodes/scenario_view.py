@@ -33,7 +33,7 @@ from ua_fleet.orchestrator import (
     RunChanged,
     TaskWaiting,
 )
-from ua_fleet.values import BuiltinType, NodeId, Variant
+from ua_fleet.values import BuiltinType, NodeId, Variant, unix_ns_from_ticks
 
 __all__ = ["ScenarioView"]
 
@@ -151,7 +151,7 @@ class ScenarioView:
         if decision is None:
             decision = self.decisions[decision_id] = DecisionRecord.of(changed)
         self.decisions.move_to_end(decision_id)
-        decision.apply(changed)
+        decision.apply(changed, unix_ns_from_ticks(self._wall_ticks()) / 1e9)
         self._nodes.show_decision(decision)
         record = self.runs[changed.run_id]
         record.show_decision(decision, changed.until)

@@ -40,7 +40,11 @@ export class History {
     const later = this.times.findIndex((at) => at >= until);
     // It was not Good when this page began to look, whatever was kept last.
     if (later < 0) put(until, null);
-    else this.times.slice(later).forEach((at, index) => put(at, this.values[later + index] ?? null));
+    else {
+      // As it was seen, even where the last one that was kept is the same: this is where it was seen first.
+      seen.times.push(...this.times.slice(later));
+      seen.values.push(...this.values.slice(later));
+    }
     this.times.splice(0, this.times.length, ...seen.times);
     this.values.splice(0, this.values.length, ...seen.values);
   }

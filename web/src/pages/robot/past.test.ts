@@ -40,6 +40,17 @@ it('fills the gap of an outage, and leaves what was before its span', () => {
   ]);
 });
 
+it('is filled again by a longer span, though what was seen is what was kept last', () => {
+  const history = seen([1000, 5]);
+  history.fill(500, 1000, [600], [5]);
+  history.fill(0, 1000, [100, 600], [1, 5]);
+  expect(points(history)).toEqual([
+    [100, 1],
+    [600, 5],
+    [1000, 5],
+  ]);
+});
+
 it('takes the later of two values of one moment', () => {
   const history = new History();
   history.fill(0, 1000, [100, 100], [null, 4]);

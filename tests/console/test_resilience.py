@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.console import browsing
-from tests.console.conftest import Fleet, fleet_of
+from tests.console.conftest import Console, Fleet, fleet_of
 from tests.console.test_alarms import ask
 from tests.contract.skilled import ENDLESS_WORK
 from tests.integration.scenarios.conftest import ROBOTS, Plant
@@ -20,6 +20,12 @@ Open = Callable[..., Page]
 Picture = Callable[[Page, str], None]
 PLACE: Final = "#/hall/resilience"
 STEPS: Final = f"  - {{task: a, skill: work, robot: left, arguments: {{work: {ENDLESS_WORK}}}, timeout_s: 60}}\n"
+
+LOG_OUT: Final = """async () => {
+  const {csrf} = await (await fetch('api/me')).json();
+  const headers = {'Content-Type': 'application/json', 'X-CSRF': csrf};
+  await fetch('api/logout', {method: 'POST', headers, body: '{}'});
+}"""
 
 
 def with_criteria(plant: Plant) -> None:
@@ -81,6 +87,31 @@ def _look_at_the_attempt(page: Page) -> None:
     expect(page.get_by_role("heading", name="a, instead of left")).to_be_visible()
 
 
+def _see_how_long_it_waits(page: Page) -> None:
+    left = page.get_by_role("main").get_by_role("timer")
+    expect(left.first).to_have_text(re.compile(r"^[89] min( \d+ s)? left to decide, until .* by the server's clock\.$"))
+    before = left.first.inner_text()
+    expect(left.first).not_to_have_text(before)
+    expect(left.last).to_have_text(re.compile(r"^[89] min( \d+ s)? left$"))
+
+
+def _leave_and_come_back(page: Page) -> None:
+    """What was tried is there again, in the same window alone, until it is reset or the decision is made."""
+    said = "You try a comparison. Only you see it."
+    slider = page.get_by_role("slider", name="battery or load")
+    expect(page.get_by_role("status").filter(has_text=said)).to_be_visible()
+    page.get_by_role("navigation", name="Pages").get_by_role("link", name="Fleet").click()
+    expect(page.get_by_role("article", name="left")).to_be_visible()
+    page.get_by_role("navigation", name="Pages").get_by_role("link", name="Resilience").click()
+    expect(slider).to_have_attribute("aria-valuetext", "battery counts 9 times as much as load")
+    expect(ranked(page)).to_have_text(["right", "middle"])
+    expect(page.get_by_role("status").filter(has_text=said)).to_be_visible()
+    other = page.context.new_page()
+    other.goto(page.url)
+    expect(other.get_by_role("slider")).to_have_attribute("aria-valuetext", "Both count the same")
+    other.close()
+
+
 def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fleet: Fleet, picture: Picture) -> None:
     page = open_page("operator", PLACE)
     expect(page.get_by_text("No decision is open.")).to_be_visible()
@@ -101,6 +132,7 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     expect(others.locator("dd")).to_contain_text("the welding tip is worn")
     observer = open_page("observer", PLACE)
     expect(observer.get_by_role("button", name="Choose right")).to_be_disabled()
+    _see_how_long_it_waits(observer)
 
     _look_at_the_attempt(page)
     slider = page.get_by_role("slider", name="battery or load")
@@ -112,6 +144,7 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     expect(ranked(page)).to_have_text(["right", "middle"])
     expect(ranked(observer)).to_have_text(["middle", "right"])  # what is tried is nobody else's
     picture(page, "resilience")
+    _leave_and_come_back(page)
     browsing.show(page, "light", 360)
     choose = page.get_by_role("button", name="Choose right")
     choose.scroll_into_view_if_needed()
@@ -130,6 +163,8 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     page.get_by_role("link", name="right, chosen by oscar").click()
     expect(page.get_by_role("heading", name="a, instead of left")).to_be_visible()
     expect(page.get_by_role("slider")).to_have_count(0)
+    expect(page.get_by_role("main").get_by_role("timer")).to_have_count(0)
+    assert page.evaluate("sessionStorage.getItem('ua-fleet.tried')") is None, "it is kept though it is over"
     picture(page, "resilience-taken")
     page.get_by_role("link", name=re.compile("^Run 20")).click()
     expect(page.get_by_role("list", name="Steps")).to_contain_text("right")
@@ -154,6 +189,34 @@ def test_a_person_ends_the_run_in_place_of_choosing(open_page: Open, picture: Pi
     page.keyboard.press("Enter")
     expect(page.get_by_role("status").filter(has_text="The run is aborted.")).to_be_visible()
     expect(page.get_by_text("No decision is open.")).to_be_visible()
+
+
+def test_what_was_tried_is_gone_with_the_login(open_page: Open, console: Console) -> None:
+    page = open_page("operator", PLACE)
+    ask(page, "fault.raise", robot="left", reason="the welding tip is worn")
+    ask(page, "scenario.run", scenario="long")
+    slider = page.get_by_role("slider", name="battery or load")
+    slider.focus()
+    page.keyboard.press("ArrowLeft")
+    expect(slider).to_have_attribute("aria-valuetext", "battery counts 2 times as much as load")
+    page.get_by_role("button", name="Reset").click()
+    expect(slider).to_have_attribute("aria-valuetext", "Both count the same")
+    assert page.evaluate("sessionStorage.getItem('ua-fleet.tried')") is None
+    slider.focus()
+    page.keyboard.press("ArrowLeft")
+    page.wait_for_function("sessionStorage.getItem('ua-fleet.tried') !== null")
+    page.reload()
+    expect(slider).to_have_attribute("aria-valuetext", "battery counts 2 times as much as load")
+    # As another browser of the same login would log it out.
+    page.evaluate(LOG_OUT)
+    del console.states["operator"]
+    expect(page.get_by_role("button", name="Log in")).to_be_visible()
+    assert page.evaluate("sessionStorage.getItem('ua-fleet.tried')") is None
+    ended = open_page("engineer", PLACE)
+    ended.get_by_role("button", name="Abort the run…").click()
+    ended.get_by_role("dialog").get_by_label("Reason").fill("enough")
+    ended.keyboard.press("Enter")
+    expect(ended.get_by_text("No decision is open.")).to_be_visible()
 
 
 def test_an_engineer_says_who_decides(open_page: Open) -> None:

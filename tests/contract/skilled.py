@@ -75,6 +75,7 @@ class Machine:
         self._log = folder / "told.jsonl"
         self._forgetful, self._weak, self._frozen = folder / "forgetful", folder / "weak", folder / "frozen"
         self._mute = folder / "mute"
+        self._values = folder / "values.json"
 
     def begin(self, execution_id: bytes, work: str, seconds: float) -> Job:
         """Tell the machine to begin."""
@@ -136,6 +137,17 @@ class Machine:
             self._mute.touch()
         else:
             self._mute.unlink(missing_ok=True)
+
+    def tell(self, **values: float) -> None:
+        """Tell these values from now on, by the names of the data; what is not named is 1."""
+        new = self._values.with_suffix(".new")
+        new.write_text(json.dumps(values))
+        new.replace(self._values)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """What it tells of some of its data."""
+        return dict(json.loads(self._values.read_text())) if self._values.exists() else {}
 
     @property
     def is_weak(self) -> bool:

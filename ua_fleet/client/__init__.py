@@ -10,6 +10,8 @@ from ua_fleet.client.attributes import NodeAttribute
 from ua_fleet.client.browsing import NodeInfo
 from ua_fleet.client.cards import CardNode, card_nodes
 from ua_fleet.client.charges import ChargeNode, charge_nodes
+from ua_fleet.client.condition_methods import ConditionClient
+from ua_fleet.client.conditions import ConditionInfo, ConditionsKnown
 from ua_fleet.client.details import ValueDetails
 from ua_fleet.client.events import (
     DecisionTold,
@@ -71,6 +73,7 @@ from ua_fleet.client.teleoperation import (
     watch_teleoperation,
 )
 from ua_fleet.client.translated import NodeNotFound
+from ua_fleet.client.trends import Trend
 
 __all__ = [
     "POLICIES",
@@ -83,6 +86,9 @@ __all__ = [
     "Change",
     "ChargeNode",
     "ClientIdentity",
+    "ConditionClient",
+    "ConditionInfo",
+    "ConditionsKnown",
     "DataNode",
     "DecisionInfo",
     "DecisionTold",
@@ -137,6 +143,7 @@ __all__ = [
     "TeleoperationInfo",
     "TeleoperationStatus",
     "Told",
+    "Trend",
     "ValueDetails",
     "WouldHappen",
     "bridge_nodes",

@@ -25,6 +25,10 @@ __all__ = ["EventInfo", "all_events"]
 
 _BASE: Final = ("EventType", "SourceNode", "SourceName", "Time", "Message", "Severity")
 _AUDIT: Final = ("ClientUserId", "Status", "StatusCodeId")
+_CONDITION: Final = (
+    *("ConditionName", "EnabledState", "ActiveState", "AckedState", "ConfirmedState", "SuppressedState"),
+    *("ShelvingState/CurrentState", "LimitState/CurrentState", "Comment"),
+)
 _OWN: Final = ("Robot", "Skill", "RunId", "Task", "Reason")
 """Fields of ours that some types have."""
 _QUEUE: Final = 10_000
@@ -63,11 +67,11 @@ async def all_events(
     with translated(endpoint):
         index = await client.get_namespace_index(TYPES_URI)
     events, wanted = _Events(_QUEUE), ua.EventFilter()
-    names = [*((name, 0) for name in (*_BASE, *_AUDIT)), *((name, index) for name in _OWN)]
+    names = [*((name, 0) for name in (*_BASE, *_AUDIT, *_CONDITION)), *((name, index) for name in _OWN)]
     wanted.SelectClauses = [
         ua.SimpleAttributeOperand(
             TypeDefinitionId=ua.NodeId(ua.Int32(ua.ObjectIds.BaseEventType)),
-            BrowsePath=[ua.QualifiedName(name, place)],
+            BrowsePath=[ua.QualifiedName(part, place) for part in name.split("/")],
             AttributeId=ua.AttributeIds.Value,
         )
         for name, place in names
@@ -92,7 +96,7 @@ async def all_events(
 
 
 def _info(event: Any, type_name: str) -> EventInfo:
-    fields = {name: plain_value(getattr(event, name, None)) for name in (*_AUDIT, *_OWN)}
+    fields = {name: plain_value(getattr(event, name, None)) for name in (*_AUDIT, *_CONDITION, *_OWN)}
     time: datetime | None = event.Time
     return EventInfo(
         type_name,

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from datetime import datetime
 from typing import Any, Final, Self, overload
 
 from asyncua import Client, Node, ua
@@ -22,6 +23,7 @@ from ua_fleet.client.attributes import NodeAttribute, read_attributes
 from ua_fleet.client.batches import Batches
 from ua_fleet.client.browsing import NodeInfo, browse_below
 from ua_fleet.client.calls import call
+from ua_fleet.client.conditions import ConditionInfo, ConditionsKnown, conditions_told
 from ua_fleet.client.convert import parse_value
 from ua_fleet.client.details import ValueDetails, value_details
 from ua_fleet.client.events import Told, told_by
@@ -38,6 +40,7 @@ from ua_fleet.client.structures import Structures
 from ua_fleet.client.subscriptions import Subscriptions, subscribe
 from ua_fleet.client.summaries import RobotSummary, SummariesChanged, read_summaries, watch_summaries
 from ua_fleet.client.translated import NodeNotFound, quietly, translated
+from ua_fleet.client.trends import Trend, read_trends
 from ua_fleet.errors import AccessRefused, NotConnected
 from ua_fleet.values import StatusCode
 
@@ -245,6 +248,10 @@ class FleetClient:
         """What the server has kept of a node's value; raises as `read_history`."""
         return read_history(self._client, self.endpoint, node_id, wanted)
 
+    async def trends(self, node_ids: Sequence[str], since: datetime, until: datetime, most: int) -> dict[str, Trend]:
+        """The courses of numbers that have a history, each in at most `most` points; raises as `read_trends`."""
+        return await read_trends(self._client, self.endpoint, node_ids, since, until, most)
+
     async def attributes(self, address: str) -> list[NodeAttribute]:
         """All attributes of a node but its value; NodeNotFound where there is no such node."""
         with translated(self.endpoint):
@@ -435,6 +442,13 @@ class FleetClient:
         The iterator raises NotConnected when the connection is lost.
         """
         return all_events(self._client, self.batches, self.endpoint, self._subscriptions)
+
+    def conditions(self) -> AbstractAsyncContextManager[AsyncIterator[ConditionInfo | ConditionsKnown]]:
+        """Alarms, faults and dialogs: those there are, a ConditionsKnown, then each change, while the context lasts.
+
+        The iterator raises NotConnected when the connection is lost.
+        """
+        return conditions_told(self._client, self.batches, self.endpoint, self._subscriptions)
 
     def model_changes(self, *, period_ms: float = 250.0) -> AbstractAsyncContextManager[ModelChanges]:
         """That nodes have come or gone, while the context lasts: await `wait()` of what is entered."""

@@ -23,6 +23,7 @@ __all__ = ["ArgumentNode", "DataNode", "RobotNodes", "SkillNodes", "robot_nodes"
 
 _WRITE: Final = 2
 """CurrentWrite of an access level (OPC 10000-3 8.57)."""
+_HISTORY_READ: Final = 4
 _FOLDERS: Final = ("Data", "Sensors")
 _EXECUTIONS: Final = ("ExecutionId", "Skill", "State", "Progress", "Result", "Message", "Status")
 """Fields of SkillStatus, arrays of the last executions."""
@@ -42,6 +43,8 @@ class DataNode:
     writable: bool
     """Whether this user may write it."""
     description: str
+    has_history: bool = False
+    """Whether this user may read what the server has kept of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +126,7 @@ async def _data(client: FleetClient, folder: str, node: ua.NodeId) -> list[DataN
             detail,
             bool(int(_value(level) or 0) & _WRITE),
             str(getattr(_value(text), "Text", None) or ""),
+            bool(int(_value(level) or 0) & _HISTORY_READ),
         )
         for one, type_name, detail, level, text in zip(found, types, details, levels, texts, strict=True)
         if type_name is not None

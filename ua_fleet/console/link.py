@@ -27,6 +27,7 @@ from ua_fleet.console.failures import OperationRefused, shown_error
 from ua_fleet.console.feeds import FEEDS
 from ua_fleet.console.feeds.kinds import FeedKind, FeedParameters
 from ua_fleet.console.rights import Rights, rights_of
+from ua_fleet.console.server_clock import ServerClock
 from ua_fleet.console.settings import FleetAddress
 from ua_fleet.console.shown import shown_time
 from ua_fleet.errors import AccessRefused, NotConnected, SendTimeout, UaFleetError
@@ -48,6 +49,8 @@ _LONGEST_BACKOFF_S: Final = 5.0
 _FEED_AGAIN_S: Final = 5.0
 _LINGER_S: Final = 3.0
 """A feed that nobody wants any more goes on for so long: the next page often wants it again."""
+_STATE: Final = "i=2259"
+_CURRENT_TIME: Final = "i=2258"
 _RIGHTS_EVERY: Final = 5
 """Beats between two looks at what the user may do."""
 _NO_LOGIN: Final = frozenset(
@@ -103,6 +106,7 @@ class FleetLink:
         self._feeds: dict[str, RunningFeed] = {}
         self._listeners: list[Callable[[FleetLink], None]] = []
         self._changed = asyncio.Event()
+        self._clock = ServerClock()
         self._own_sessions = 0
         self._is_alone = asyncio.Event()
         self._is_alone.set()
@@ -127,6 +131,7 @@ class FleetLink:
             "since": shown_time(self._since),
             "reason": harmless(self._reason),
             "user": harmless(self.user),
+            "ahead_s": self._clock.ahead_s,
             **self.rights.shown,
         }
 
@@ -361,7 +366,10 @@ class FleetLink:
             self._be("live")
 
     async def _look(self, client: FleetClient, *, with_rights: bool) -> None:
-        await client.read("i=2259")
+        asked = datetime.now(UTC)
+        _, now = await client.read([_STATE, _CURRENT_TIME])
+        if self._clock.take(now.exact, asked + (datetime.now(UTC) - asked) / 2):
+            self._tell()
         if with_rights and (rights := await rights_of(client)) != self.rights:
             self.rights = rights
             self._tell()

@@ -15,7 +15,7 @@ from typing import Any, Final, cast
 from ua_fleet.client import Reading
 from ua_fleet.printing import harmless
 
-__all__ = ["harmless_value", "shown_instant", "shown_reading", "shown_time", "shown_value"]
+__all__ = ["harmless_value", "shown_instant", "shown_moment", "shown_reading", "shown_time", "shown_value"]
 
 _EXACT: Final = 2**53
 """Whole numbers up to here are exact in a browser (Number.MAX_SAFE_INTEGER + 1)."""
@@ -26,6 +26,8 @@ _ELEMENTS: Final = 1000
 _CHARACTERS: Final = 16_384
 """A text up to this many characters is shown whole."""
 _DEPTH: Final = 16
+_FIRST_YEAR: Final = 1970
+"""A DateTime before is the one that stands for none."""
 
 
 def shown_reading(reading: Reading, unit: str = "") -> dict[str, Any]:
@@ -46,6 +48,11 @@ def shown_time(moment: datetime | None) -> str | None:
         return None
     aware = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
     return aware.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def shown_moment(moment: datetime | None) -> str | None:
+    """A DateTime that a server tells, likewise; None for its null, which is one of 1601 in an array."""
+    return None if moment is None or moment.year < _FIRST_YEAR else shown_time(moment)
 
 
 def shown_instant(seconds: float) -> str | None:

@@ -3,7 +3,8 @@
     Server --HasEventSource--> the Variable that is watched --HasCondition--> Alarms.<id>, in the folder Fleet.Alarms
 
 The members of an alarm are made when somebody looks at it: each has some fifty nodes, and of ten thousand alarms few
-are ever looked at.
+are ever looked at. So a Variable lists the alarms that are disabled, suppressed or shelved: ConditionRefresh does not
+tell those of them that are inactive, and without the list a client would have to look at all.
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -28,11 +29,13 @@ from ua_fleet.nodes.projection import Projection
 from ua_fleet.operation.alarms.condition import MAX_SHELVED_S, Condition, ConditionState, Shelving
 from ua_fleet.operation.alarms.definitions import AlarmDefinition, AlarmKind
 from ua_fleet.operation.alarms.levels import Level
-from ua_fleet.values import BuiltinType, NodeId, QualifiedName, Variant, ticks_from_unix_ns
+from ua_fleet.values import ARRAY, BuiltinType, NodeId, QualifiedName, Variant, ticks_from_unix_ns
 
 __all__ = ["ALARMS", "AlarmNodes"]
 
 ALARMS: Final = "Fleet.Alarms"
+_PUT_ASIDE: Final = f"{ALARMS}.PutAside"
+_TEXTS: Final = int(BuiltinType.STRING | ARRAY)
 _SERVER: Final = ns0(ObjectIds.Server)
 _HAS_CONDITION: Final = ns0(ObjectIds.HasCondition)
 _HAS_EVENT_SOURCE: Final = ns0(ObjectIds.HasEventSource)
@@ -91,12 +94,25 @@ class AlarmNodes:
         self._shown: dict[NodeId, Condition] = {}
         self._made: dict[str, dict[str, Variant]] = {}
         """What members show, by the alarm's id; of those that somebody has looked at."""
+        self._put_aside: dict[str, None] = {}
+        """Ids of alarms that are disabled, suppressed or shelved."""
 
     def build(self) -> None:
-        """Make the folder."""
+        """Make the folder, and the list of what is put aside."""
         parts = self._parts
         name = QualifiedName(parts.ns, "Alarms")
         parts.builder.add_object(parts.id(ALARMS), name, parts.id("Fleet"), STANDARD["FolderType"])
+        key = NodeId(parts.ns, _PUT_ASIDE)
+        parts.values[key] = parts.builder.add_variable(
+            node_id(key),
+            QualifiedName(parts.ns, "PutAside"),
+            parts.id(ALARMS),
+            STANDARD["PropertyType"],
+            data_type=raw_id(int(BuiltinType.STRING)),
+            value=ua.DataValue(to_variant(_TEXTS, ())),
+            value_rank=1,
+            reference=HAS_PROPERTY,
+        )
 
     def add(self, condition: Condition) -> None:
         """Show an alarm: the node that it is about has to be there."""
@@ -116,6 +132,7 @@ class AlarmNodes:
             parts.builder.add_reference(_SERVER, _HAS_EVENT_SOURCE, source)
         parts.builder.add_later(made, partial(self._make, condition))
         self._shown[key] = condition
+        self._list(definition, condition.state)
 
     def key(self, definition: AlarmDefinition) -> NodeId:
         """The ConditionId of an alarm."""
@@ -131,6 +148,7 @@ class AlarmNodes:
     def notify(self, definition: AlarmDefinition, state: ConditionState) -> None:
         """Tell of a notification, in order with all values, and show it."""
         fields = self._fields(definition, state)
+        self._list(definition, state)
         self._show(definition, fields)
         self._projection.then(partial(self._emit, definition, state, fields))
 
@@ -142,6 +160,17 @@ class AlarmNodes:
                 self._emit(condition.definition, condition.state, fields, subscription_id, item_id)
 
     # Within.
+
+    def _list(self, definition: AlarmDefinition, state: ConditionState) -> None:
+        """Have an alarm in the list of those that are put aside, or not."""
+        if state.is_put_aside is (definition.id in self._put_aside):
+            return
+        if state.is_put_aside:
+            self._put_aside[definition.id] = None
+        else:
+            del self._put_aside[definition.id]
+        key, ticks = NodeId(self._parts.ns, _PUT_ASIDE), ticks_of(state.told_at)
+        self._projection.write(ValueChanged(key, _TEXTS, tuple(self._put_aside), 0, ticks, False))
 
     def _emit(
         self,

@@ -59,6 +59,11 @@ def ticks_of(wall_s: float) -> int:
     return ticks_from_unix_ns(round(wall_s * 1e9))
 
 
+def _time_of(wall_s: float | None) -> Variant:
+    """A DateTime; null for None."""
+    return Variant(_TIME, None if wall_s is None else ticks_of(wall_s))
+
+
 def ranking_values(ranking: Ranking | None) -> dict[str, Variant]:
     """A ranking as flat arrays: raw values and scores of the best candidate first, then those of the next."""
     if ranking is None:
@@ -155,6 +160,8 @@ class ScenarioNodes:
             "Reason": Variant(_TEXT, record.reason),
             "Chosen": Variant(_TEXT, record.chosen),
             "ChosenBy": Variant(_TEXT, record.by),
+            "StartTime": _time_of(record.opened),
+            "Deadline": _time_of(record.deadline),
             **ranking_values(record.ranking),
         }
         path = f"{RESILIENCE}.Decisions.{record.id}"

@@ -34,7 +34,7 @@ from ua_fleet.orchestrator import (
 from ua_fleet.scenario.asking import question_about
 from ua_fleet.scenario.facts import TaskOver, Then
 from ua_fleet.scenario.state import TaskPhase
-from ua_fleet.values import BuiltinType, NodeId, Variant
+from ua_fleet.values import BuiltinType, NodeId, Variant, unix_ns_from_ticks
 
 __all__ = ["ScenarioView"]
 
@@ -167,7 +167,7 @@ class ScenarioView:
         if decision is None:
             decision = self.decisions[decision_id] = DecisionRecord.of(changed)
         self.decisions.move_to_end(decision_id)
-        decision.apply(changed)
+        decision.apply(changed, unix_ns_from_ticks(self._wall_ticks()) / 1e9)
         self._nodes.show_decision(decision)
         record = self.runs[changed.run_id]
         record.show_decision(decision, changed.until)

@@ -12,7 +12,8 @@ from tests.integration.console.test_feeds import SCENARIO
 LARGE: Final = "x" * 1_000_000
 WRITTEN: Final[dict[str, dict[str, Any]]] = {
     "fault.raise": {"robot": "rover", "reason": LARGE},
-    "fault.acknowledge": {"fault": "rover.robot", "comment": LARGE},
+    "alarm.acknowledge": {"alarm": "ns=2;s=Fleet.Faults.rover.robot", "event": "00", "comment": LARGE},
+    "alarm.shelve": {"alarm": LARGE, "time_s": 60},
     "robots.hold": {"robot": "rover", "reason": LARGE},
     "robots.release": {"robot": LARGE},
     "skill.start": {"robot": "rover", "skill": "goto", "arguments": {"x": LARGE}},

@@ -86,16 +86,17 @@ class RobotDriver(SkilledDriver):
 
 async def tell_values(config: FleetConfig, robot: str, bus: Bus, machine: Machine) -> None:
     """Tell the values of a robot while its machine is not mute: another program than the one for its skills."""
-    space, values = config.space_of(robot), config.robots[robot].data.values()
-    topics = [Topic(space, 2, one.id).name for one in values if one.origin == "robot" and one.id is not None]
+    space, data = config.space_of(robot), config.robots[robot].data
+    topics = {Topic(space, 2, one.id).name: name for name, one in data.items() if one.origin == "robot" and one.id}
     program, is_there = VirtualRobot(bus), False
     while topics:
         was_there, is_there = is_there, not machine.is_mute
-        for topic in topics:
+        values = machine.values
+        for topic, name in topics.items():
             if is_there and not was_there:
                 program.advertise(topic, NUMBER)
             elif was_there and not is_there:
                 program.withdraw(topic)
             if is_there:
-                program.publish(topic, NUMBER.values(1.0))
+                program.publish(topic, NUMBER.values(values.get(name, 1.0)))
         await asyncio.sleep(0.1)

@@ -16,6 +16,8 @@ FIELDS = (
     "ConsistencyRatio",
 )
 
+TIMES = ("StartTime", "Deadline")
+
 
 def numbers(*values: float) -> Any:
     return ua.Variant(list(values), ua.VariantType.Double, None, True)
@@ -47,6 +49,8 @@ async def test_a_decision_is_previewed_and_judged(plant: Plant) -> None:
         assert (await call(operator, "Faults", "RaiseFault", "right", "stuck")).status == 0
         await run(operator, "one")
         decision = await open_decision(operator)
+        begun, due = [await value(operator, f"Resilience.Decisions.{decision}.{name}") for name in TIMES]
+        assert (due - begun).total_seconds() == pytest.approx(60, abs=2), "limit_s of the plant"
         before = await shown(operator, decision)
         as_it_is = await ranked(observer, "Preview", decision)
         assert (as_it_is.status, [part or [] for part in as_it_is.outputs[:-1]]) == (0, before), as_it_is.message

@@ -7,6 +7,7 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -88,8 +89,9 @@ async def test_one_that_is_cancelled_while_its_connection_fails_ends(
         async def executable(self, _methods: object) -> list[bool]:
             return [False, False]
 
-        async def read(self, _node: str) -> None:
+        async def read(self, nodes: list[str]) -> list[Any]:
             """It is there."""
+            return [SimpleNamespace(exact=None) for _ in nodes]
 
     async def failing(_client: Any, _parameters: Any, board: Board) -> None:
         board.ready()

@@ -1,67 +1,79 @@
-"""Feed `alarms`: faults that are active, or that nobody has acknowledged, of all robots or of one. Keys are their ids,
-e.g. `rover.silent`.
+"""Feed `alarms`: the conditions that are to be looked at, of all robots or of one: faults, alarms of values, bridges
+and certificates, and what people have to decide. Keys are their ConditionIds.
+
+One is shown while it is active, not acknowledged or not confirmed, and while it is disabled, suppressed or shelved.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from typing import Any, Final
 
-from ua_fleet.client import FaultTold, FleetClient, Reading
+from ua_fleet.client import ConditionInfo, ConditionsKnown, FleetClient
 from ua_fleet.console.board import Board
-from ua_fleet.console.feeds.following import followed, show_rows, telling
 from ua_fleet.console.feeds.kinds import FeedKind, OfAnyRobot
-from ua_fleet.console.shown import harmless_value, shown_value
+from ua_fleet.console.shown import harmless_value, shown_time
 
-__all__ = ["ALARMS", "fault_nodes"]
-
-_FOLDER: Final = "ns=2;s=Fleet.Faults"
-_PARTS: Final = (
-    *("Robot", "FaultSource", "Reason", "Capacities", "Message", "Severity", "Time", "Retain"),
-    *("ActiveState.Id", "ActiveState.TransitionTime", "AckedState.Id", "Comment", "ClientUserId"),
-)
+__all__ = ["ALARMS", "follow_conditions", "robot_of"]
 
 
-def _alarm(fault: str, parts: Mapping[str, Reading]) -> dict[str, Any] | None:
-    told = {name: reading.exact for name, reading in parts.items()}
-    if not told["Retain"]:
-        return None
+def robot_of(info: ConditionInfo) -> str:
+    """The robot that a condition is about; empty: it is about something else."""
+    if info.kind == "fault":
+        return info.robot
+    is_of_value = info.kind in ("limit", "off_normal") and info.source_name == info.name
+    return info.name.partition(".")[0] if is_of_value else ""
+
+
+def _alarm(info: ConditionInfo) -> dict[str, Any]:
     return {
-        "id": fault,
-        "robot": harmless_value(str(told["Robot"] or "")),
-        "source": harmless_value(str(told["FaultSource"] or "")),
-        "reason": harmless_value(str(told["Reason"] or "")),
-        "capacities": harmless_value(list(told["Capacities"] or ())),
-        "message": harmless_value(str(told["Message"] or "")),
-        "severity": told["Severity"],
-        "active": told["ActiveState.Id"] is True,
-        "acknowledged": told["AckedState.Id"] is True,
-        "since": shown_value(told["ActiveState.TransitionTime"]),
-        "time": shown_value(told["Time"]),
-        "comment": harmless_value(str(told["Comment"] or "")),
-        "by": harmless_value(str(told["ClientUserId"] or "")),
+        "id": harmless_value(info.name),
+        "node": info.node_id,
+        "event": info.event_id.hex(),
+        "kind": info.kind,
+        "robot": harmless_value(robot_of(info)),
+        "source": harmless_value(info.fault_source or info.source_name),
+        "source_node": info.source_node,
+        "reason": harmless_value(info.reason),
+        "capacities": harmless_value(list(info.capacities)),
+        "message": harmless_value(info.message),
+        "severity": info.severity,
+        "retained": info.retain,
+        "active": info.active,
+        "acknowledged": info.acknowledged,
+        "confirmed": info.confirmed,
+        "enabled": info.enabled,
+        "suppressed": info.suppressed,
+        "shelved": info.shelving,
+        "unshelve_at": shown_time(info.unshelve_at),
+        "limit": info.limit,
+        "quality": info.quality,
+        "since": shown_time(info.since),
+        "time": shown_time(info.time),
+        "comment": harmless_value(info.comment),
+        "by": harmless_value(info.comment_by),
     }
 
 
-async def fault_nodes(client: FleetClient, robot: str = "") -> dict[str, str]:
-    """NodeIds of faults by their ids, of all robots or of one."""
-    nodes = await client.browse(_FOLDER)
-    beginning = f"{robot}." if robot else ""
-    return {
-        node.browse_name: node.node_id
-        for node in nodes
-        if node.node_class == "Object" and node.browse_name.startswith(beginning)
-    }
+async def follow_conditions(client: FleetClient, board: Board, row: Callable[[ConditionInfo], Any]) -> None:
+    """Keep one value on a board for each condition that is to be looked at; `row` is None for those that are not."""
+    async with client.conditions() as told:
+        async for one in told:
+            if isinstance(one, ConditionsKnown):
+                if one.is_whole:
+                    board.keep(set(one.node_ids))
+                board.ready()
+            elif (shown := row(one) if one.is_shown else None) is not None:
+                board.put(one.node_id, shown)
+            else:
+                board.gone(one.node_id)
 
 
 async def _run(client: FleetClient, parameters: OfAnyRobot, board: Board) -> None:
-    async def look() -> dict[str, str]:
-        return await fault_nodes(client, parameters.robot)
+    def row(info: ConditionInfo) -> dict[str, Any] | None:
+        return _alarm(info) if parameters.robot in ("", robot_of(info)) else None
 
-    async def show(faults: dict[str, str]) -> None:
-        await show_rows(client, board, faults, _PARTS, _alarm)
-
-    await followed(client, look, show, telling(client, (FaultTold,)))
+    await follow_conditions(client, board, row)
 
 
 ALARMS: Final = FeedKind("alarms", OfAnyRobot, _run)

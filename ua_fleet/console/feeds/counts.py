@@ -1,14 +1,17 @@
-"""Feed `counts`: how much waits for a person. Keys: `alarms` (active, not acknowledged), `decisions` (open)."""
+"""Feed `counts`: how much waits for a person.
+
+Keys: `alarms` (active, not acknowledged, not put aside), `decisions` (open).
+"""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import Final
 
-from ua_fleet.client import DecisionTold, FaultTold, FleetClient, Reading, Told
+from ua_fleet.client import ConditionInfo, DecisionTold, FleetClient, Reading
 from ua_fleet.console.board import Board
-from ua_fleet.console.feeds.alarms import fault_nodes
+from ua_fleet.console.feeds.alarms import follow_conditions
 from ua_fleet.console.feeds.decisions import decision_nodes
 from ua_fleet.console.feeds.following import followed, show_rows, telling
 from ua_fleet.console.feeds.kinds import FeedKind, NoParameters
@@ -37,6 +40,11 @@ class _Count:
         """Nobody says so here: a feed that fails is begun anew as a whole."""
 
 
+def _waits(info: ConditionInfo) -> bool | None:
+    is_new = info.active and not info.acknowledged and not info.is_put_aside
+    return True if is_new and info.kind != "dialog" else None
+
+
 async def _run(client: FleetClient, parameters: NoParameters, board: Board) -> None:
     def counted() -> None:
         if len(board) == len(counts):
@@ -44,35 +52,18 @@ async def _run(client: FleetClient, parameters: NoParameters, board: Board) -> N
 
     counts = {name: _Count(name, board, counted) for name in ("alarms", "decisions")}
 
-    async def count(
-        name: str,
-        nodes: Callable[[FleetClient], Awaitable[dict[str, str]]],
-        parts: Sequence[str],
-        is_one: Callable[[Mapping[str, Any]], bool],
-        told: type[Told],
-    ) -> None:
-        def row(_key: str, readings: Mapping[str, Reading]) -> bool | None:
-            return is_one({part: reading.exact for part, reading in readings.items()}) or None
+    def is_open(_key: str, readings: Mapping[str, Reading]) -> bool | None:
+        return readings["State"].value == "open" or None
 
-        async def look() -> dict[str, str]:
-            return await nodes(client)
+    async def look() -> dict[str, str]:
+        return await decision_nodes(client)
 
-        async def show(found: dict[str, str]) -> None:
-            await show_rows(client, counts[name].rows, found, parts, row)
-
-        await followed(client, look, show, telling(client, (told,)))
+    async def show(found: dict[str, str]) -> None:
+        await show_rows(client, counts["decisions"].rows, found, ("State",), is_open)
 
     async with asyncio.TaskGroup() as group:
-        group.create_task(
-            count(
-                *("alarms", fault_nodes, ("ActiveState.Id", "AckedState.Id")),
-                lambda part: part["ActiveState.Id"] is True and part["AckedState.Id"] is not True,
-                FaultTold,
-            )
-        )
-        group.create_task(
-            count("decisions", decision_nodes, ("State",), lambda part: part["State"] == "open", DecisionTold)
-        )
+        group.create_task(follow_conditions(client, counts["alarms"].rows, _waits))
+        group.create_task(followed(client, look, show, telling(client, (DecisionTold,))))
 
 
 COUNTS: Final = FeedKind("counts", NoParameters, _run)

@@ -12,13 +12,15 @@ from ua_fleet.console.board import Board
 from ua_fleet.console.feeds.following import followed, show_rows, telling
 from ua_fleet.console.feeds.kinds import FeedKind, FeedParameters, NoParameters
 from ua_fleet.console.rankings import shown_ranking
-from ua_fleet.console.shown import harmless_value, shown_value
+from ua_fleet.console.shown import harmless_value, shown_moment, shown_value
 
 __all__ = ["DECISION", "DECISIONS", "RESILIENCE", "decision_nodes"]
 
 _FOLDER: Final = "ns=2;s=Fleet.Resilience.Decisions"
 _OBJECT: Final = "ns=2;s=Fleet.Resilience"
-_HEAD: Final = ("State", "Run", "Step", "Task", "Failed", "Reason", "Chosen", "ChosenBy")
+_TEXTS: Final = ("State", "Run", "Step", "Task", "Failed", "Reason", "Chosen", "ChosenBy")
+_TIMES: Final = ("StartTime", "Deadline")
+_HEAD: Final = (*_TEXTS, *_TIMES)
 _RANKING: Final = (
     *("Robots", "Scores", "Criteria", "Weights", "RawValues", "CriterionScores", "Missing", "Excluded", "Reasons"),
     "ConsistencyRatio",
@@ -37,7 +39,7 @@ class OfDecision(FeedParameters):
 
 
 def _head(decision: str, parts: Mapping[str, Reading]) -> dict[str, Any]:
-    told = {name: harmless_value(str(parts[name].value or "")) for name in _HEAD}
+    told = {name: harmless_value(str(parts[name].value or "")) for name in _TEXTS}
     return {
         "id": decision,
         "state": told["State"],
@@ -48,6 +50,8 @@ def _head(decision: str, parts: Mapping[str, Reading]) -> dict[str, Any]:
         "reason": told["Reason"],
         "chosen": told["Chosen"],
         "by": told["ChosenBy"],
+        "started": shown_moment(parts["StartTime"].exact),
+        "deadline": shown_moment(parts["Deadline"].exact),
     }
 
 

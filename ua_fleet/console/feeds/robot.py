@@ -49,6 +49,7 @@ def _data_shown(one: DataNode) -> dict[str, Any]:
         "folder": one.folder,
         "type": one.type_name,
         "writable": one.writable,
+        "history": one.has_history,
         "description": harmless_value(one.description),
         **details_shown(one.details),
     }

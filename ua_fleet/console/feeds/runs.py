@@ -6,7 +6,6 @@ import asyncio
 import json
 from collections import Counter, deque
 from collections.abc import Container, Mapping
-from datetime import datetime
 from typing import Any, Final
 
 from pydantic import Field
@@ -16,7 +15,7 @@ from ua_fleet.console.board import Board
 from ua_fleet.console.feeds.following import followed, show_rows, telling
 from ua_fleet.console.feeds.kinds import FeedKind, FeedParameters, NoParameters
 from ua_fleet.console.outline import outline
-from ua_fleet.console.shown import harmless_value, shown_instant, shown_time, shown_value
+from ua_fleet.console.shown import harmless_value, shown_instant, shown_moment, shown_value
 
 __all__ = ["LIBRARY", "RUN", "RUNS"]
 
@@ -27,8 +26,6 @@ _TIMES: Final = ("Begun", "Ended")
 _TEXT: Final = "Text"
 """Like these times not there in a server of an earlier version."""
 _OVER: Final = ("done", "failed")
-_FIRST_YEAR: Final = 1970
-"""A DateTime before is the one that stands for none."""
 _AT: Final = 20
 """Tasks that a run is at which are shown in the list."""
 _MOST_FACTS: Final = 1000
@@ -42,17 +39,13 @@ class RunFeedParameters(FeedParameters):
     run: str = Field(min_length=1, max_length=100)
 
 
-def _time(told: datetime | None) -> str | None:
-    return None if told is None or told.year < _FIRST_YEAR else shown_time(told)
-
-
 def _head(run: str, parts: Mapping[str, Reading]) -> dict[str, Any]:
     return {
         "id": run,
         "state": parts["State"].value,
         "scenario": harmless_value(str(parts["Scenario"].value or "")),
-        "started": _time(parts["StartTime"].exact),
-        "ended": _time(parts["EndTime"].exact),
+        "started": shown_moment(parts["StartTime"].exact),
+        "ended": shown_moment(parts["EndTime"].exact),
         "by": harmless_value(str(parts["StartedBy"].value or "")),
         "reason": harmless_value(str(parts["Reason"].value or "")),
     }
@@ -96,7 +89,7 @@ def _results(text: Any) -> Any:
 def _times(reading: Reading | None, count: int) -> list[str | None]:
     """Times of so many tasks; None for each that is not told. The arrays of a run change one after the other."""
     told = reading.exact if reading is not None and reading.exact is not None else ()
-    return ([_time(one) for one in told] + [None] * count)[:count]
+    return ([shown_moment(one) for one in told] + [None] * count)[:count]
 
 
 class _Steps:

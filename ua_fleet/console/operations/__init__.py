@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from ua_fleet.console.operations.alarms import ALARM_OPERATIONS
 from ua_fleet.console.operations.kinds import OperationKind
 from ua_fleet.console.operations.messages import MESSAGE_OPERATIONS
 from ua_fleet.console.operations.nodes import NODE_OPERATIONS
@@ -17,6 +18,7 @@ _ALL: Final = (
     *ROBOT_OPERATIONS,
     *SCENARIO_OPERATIONS,
     *RESILIENCE_OPERATIONS,
+    *ALARM_OPERATIONS,
     *NODE_OPERATIONS,
     *MESSAGE_OPERATIONS,
 )

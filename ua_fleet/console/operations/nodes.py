@@ -1,7 +1,11 @@
-"""The address space: browse, read, write; a picture is read whole when it is looked at, and not by a feed."""
+"""The address space: browse, read, write, the past of numbers.
+
+A picture is read whole when it is looked at, and not by a feed.
+"""
 
 from __future__ import annotations
 
+from datetime import UTC, timedelta
 from typing import Annotated, Any, Final
 
 from pydantic import Field
@@ -14,6 +18,8 @@ from ua_fleet.console.shown import harmless_value, shown_reading, shown_time, sh
 __all__ = ["NODE_OPERATIONS"]
 
 
+_CURRENT_TIME: Final = "i=2258"
+_MS: Final = timedelta(milliseconds=1)
 Address = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
@@ -37,6 +43,14 @@ class OfPicture(OfNode):
     """A ByteString, and `raw` where it has the points of a picture as they are."""
 
     raw: RawFields | None = None
+
+
+class OfTrends(OperationParameters):
+    """Numbers, and how much of their past is wanted in how many points."""
+
+    nodes: list[Address] = Field(min_length=1, max_length=250)
+    span_s: float = Field(gt=0, le=86_400)
+    points: int = Field(ge=2, le=500)
 
 
 class Written(OfNode):
@@ -84,6 +98,24 @@ async def _picture(client: FleetClient, asked: OfPicture) -> Bytes:
     return Bytes({**head, **told, "type": kind}, content if kind and len(content) <= MOST_BYTES else b"")
 
 
+async def _trends(client: FleetClient, asked: OfTrends) -> dict[str, Any]:
+    """The server's time, and lines of those that have a history: times in ms before it, and numbers from then on."""
+    now = (await client.read(_CURRENT_TIME)).exact
+    now = now if now.tzinfo is not None else now.replace(tzinfo=UTC)
+    # What has come since the server renewed its time is wanted too.
+    since, until = now - timedelta(seconds=asked.span_s), now + timedelta(seconds=2)
+    found = await client.trends(asked.nodes, since, until, asked.points)
+    lines = {
+        node: {
+            "back": [round((now - at) / _MS) for at in trend.times],
+            "values": list(trend.values),
+            "average": trend.is_average,
+        }
+        for node, trend in found.items()
+    }
+    return {"now": shown_time(now), "lines": lines}
+
+
 async def _write(client: FleetClient, asked: Written) -> dict[str, Any]:
     reading = await client.write(asked.node, asked.value)
     return {"node": reading.node_id, "type": reading.type_name, "value": shown_reading(reading)}
@@ -99,6 +131,7 @@ NODE_OPERATIONS: Final = (
     OperationKind("node.browse", OfNode, _browse, "Browse", "observer"),
     OperationKind("node.read", OfNode, _read, "Read", "observer"),
     OperationKind("node.picture", OfPicture, _picture, "Read", "observer"),
+    OperationKind("node.trends", OfTrends, _trends, "HistoryRead", "observer"),
     OperationKind("node.attributes", OfNode, _attributes, "Read", "observer"),
     OperationKind("node.write", Written, _write, "Write of this node", "operator"),
 )

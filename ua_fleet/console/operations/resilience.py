@@ -14,13 +14,6 @@ from ua_fleet.console.shown import harmless_value, shown_value
 __all__ = ["RESILIENCE_OPERATIONS"]
 
 
-class Acknowledged(OperationParameters):
-    """A fault that was seen, and what somebody says of it."""
-
-    fault: str = Field(min_length=1, max_length=300)
-    comment: str = Field(default="", max_length=500)
-
-
 class Raised(OperationParameters):
     """A robot that cannot work, or not with these capacities."""
 
@@ -69,14 +62,6 @@ class JudgementsSet(OperationParameters):
     judgements: dict[str, float] = Field(min_length=1, max_length=500)
 
 
-async def _acknowledge(client: FleetClient, asked: Acknowledged) -> None:
-    await ScenarioClient(client).acknowledge(asked.fault, asked.comment)
-
-
-async def _comment(client: FleetClient, asked: Acknowledged) -> None:
-    await ScenarioClient(client).comment(asked.fault, asked.comment)
-
-
 async def _raise(client: FleetClient, asked: Raised) -> None:
     await ScenarioClient(client).raise_fault(asked.robot, asked.reason, asked.capacities)
 
@@ -121,8 +106,6 @@ async def _set_judgements(client: FleetClient, asked: JudgementsSet) -> dict[str
 
 
 RESILIENCE_OPERATIONS: Final = (
-    OperationKind("fault.acknowledge", Acknowledged, _acknowledge, "Acknowledge of an alarm", "operator"),
-    OperationKind("fault.comment", Acknowledged, _comment, "AddComment of an alarm", "operator"),
     OperationKind("fault.raise", Raised, _raise, "Faults.RaiseFault", "operator"),
     OperationKind("fault.clear", Cleared, _clear, "Faults.ClearFault", "operator"),
     OperationKind("resilience.preview", Judged, _preview, "Resilience.Preview", "observer"),

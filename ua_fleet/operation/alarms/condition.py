@@ -93,6 +93,11 @@ class ConditionState:
         """Whether people are not to be bothered with it now."""
         return self.suppressed or self.shelving is not Shelving.UNSHELVED
 
+    @property
+    def is_put_aside(self) -> bool:
+        """Whether a person has disabled, suppressed or shelved it."""
+        return not self.enabled or self.suppressed_or_shelved
+
 
 @dataclass(slots=True)
 class _Pending:

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Final, NamedTuple
 
 from ua_fleet.orchestrator import DecisionChanged
@@ -227,6 +228,10 @@ class DecisionRecord:
     chosen: str = ""
     by: str = ""
     ranking: Ranking | None = field(default=None)
+    opened: float | None = None
+    """When it was opened, by the wall clock; after a restart anew, as its limit."""
+    deadline: float | None = None
+    """While it is open: when it is decided without a person, by the wall clock; None where nobody knows."""
 
     @classmethod
     def of(cls, changed: DecisionChanged) -> DecisionRecord:
@@ -252,9 +257,13 @@ class DecisionRecord:
         limit = "" if until is None else f"; waits until {utc_text(until)}"
         return f"task {self.task} waits: {self.reason}; {'; '.join(ways)}{limit}"
 
-    def apply(self, changed: DecisionChanged) -> None:
-        """Take in what was said."""
+    def apply(self, changed: DecisionChanged, now: float | None = None) -> None:
+        """Take in what was said; `now` by the wall clock."""
         self.failed, self.reason = changed.failed, changed.reason
+        is_open = isinstance(changed.event, RankingChanged)
+        if is_open and (self.opened is None or self.state != "open"):
+            self.opened = now
+        self.deadline = changed.until if is_open and changed.until is not None and isfinite(changed.until) else None
         match changed.event:
             case RankingChanged(ranking=ranking):
                 self.state, self.chosen, self.by, self.ranking = "open", "", "", ranking

@@ -58,6 +58,8 @@ export interface Link extends Partial<Login> {
   state: LinkState;
   since: string | null;
   reason: string;
+  /** How far the server's clock is ahead of the console's. */
+  ahead_s?: number;
 }
 
 export interface Want {

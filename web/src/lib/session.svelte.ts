@@ -10,6 +10,13 @@ export function covers(roles: readonly Role[], needed: Role): boolean {
   return roles.some((role) => (RANKS[role] ?? -1) >= RANKS[needed]);
 }
 
+const over: ((fleet: string | null) => void)[] = [];
+
+/** Have something done when the login at a fleet is over; null: all of them are. */
+export function onLoginOver(act: (fleet: string | null) => void): void {
+  over.push(act);
+}
+
 class Session {
   /** Whether the console was asked already. */
   state = $state<'asking' | 'out' | 'in' | 'no-console'>('asking');
@@ -72,8 +79,11 @@ class Session {
   }
 
   #enter(me: Me | null): void {
+    const gone = Object.keys(this.logins).filter((fleet) => !(fleet in (me?.fleets ?? {})));
     this.logins = me?.fleets ?? {};
-    if (!me || Object.keys(this.logins).length === 0) {
+    const isOut = !me || Object.keys(this.logins).length === 0;
+    for (const fleet of isOut ? [null] : gone) for (const act of over) act(fleet);
+    if (isOut) {
       this.state = 'out';
       setCsrf('');
       live.stop();

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+from math import inf
 
-from ua_fleet.operation.runs.records import RunRecord
+from tests.unit.operation.runs.test_decision_words import RANKING
+from ua_fleet.operation.runs.records import DecisionRecord, RunRecord
+from ua_fleet.orchestrator import DecisionChanged
+from ua_fleet.resilience import Aborted, RankingChanged
 from ua_fleet.scenario.facts import (
     Fact,
     Replaced,
@@ -85,3 +89,19 @@ def test_another_robot_has_not_begun_what_the_first_one_began() -> None:
 
 def test_a_run_has_the_text_that_it_began_with() -> None:
     assert RunRecord.of("r", [CREATED]).text == CREATED.text
+
+
+def test_a_decision_says_since_when_and_until_when_it_is_open() -> None:
+    ranked, ended = RankingChanged("r.0", RANKING), Aborted("r.0", "over")
+
+    def changed(event: RankingChanged | Aborted, until: float | None) -> DecisionChanged:
+        return DecisionChanged("r", "0", "fetch", "ned", "stuck", event, until)
+
+    record = DecisionRecord.of(changed(ranked, 70.0))
+    record.apply(changed(ranked, 70.0), 10.0)
+    record.apply(changed(ranked, 75.0), 20.0)
+    assert (record.opened, record.deadline) == (10.0, 75.0), "another ranking opens nothing anew"
+    record.apply(changed(ended, None), 30.0)
+    assert (record.opened, record.deadline) == (10.0, None)
+    record.apply(changed(ranked, -inf), 40.0)
+    assert (record.opened, record.deadline) == (40.0, None), "opened again, and decided at once"

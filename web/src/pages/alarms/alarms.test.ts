@@ -1,9 +1,24 @@
 import { expect, it } from 'vitest';
-import { type Alarm, type ToldEvent, matches, selectedEvents, severityBand, sortedAlarms } from './alarms';
+import {
+  type Alarm,
+  type ToldEvent,
+  actsOf,
+  askedOf,
+  conditionState,
+  filterCounts,
+  matches,
+  placeOf,
+  selectedAlarms,
+  selectedEvents,
+  severityBand,
+  sortedAlarms,
+} from './alarms';
 
 const alarm = (id: string, more: Partial<Alarm> = {}): Alarm => ({
-  ...{ id, robot: 'rover', source: 'x', reason: '', capacities: [], message: '', severity: 700 },
-  ...{ active: true, acknowledged: false, since: '2026-01-01T00:00:00Z', time: null, comment: '', by: '' },
+  ...{ id, node: `ns=2;s=Alarms.${id}`, event: 'ab', kind: 'limit', robot: 'rover', source: 'x', source_node: '' },
+  ...{ reason: '', capacities: [], message: '', severity: 700, retained: true, active: true, acknowledged: false },
+  ...{ confirmed: null, enabled: true, suppressed: false, shelved: '', unshelve_at: null, limit: 'High', quality: 0 },
+  ...{ since: '2026-01-01T00:00:00Z', time: null, comment: '', by: '' },
   ...more,
 });
 
@@ -16,6 +31,72 @@ it('puts first what wants somebody', () => {
     alarm('new', { since: '2026-01-02T00:00:00Z' }),
   ];
   expect(sortedAlarms(alarms).map((one) => one.id)).toEqual(['new', 'old', 'mild', 'known', 'over']);
+});
+
+const MANY = [
+  alarm('new'),
+  alarm('seen', { acknowledged: true }),
+  alarm('over', { active: false, acknowledged: true, confirmed: false }),
+  alarm('shelved', { shelved: 'timed' }),
+  alarm('suppressed', { suppressed: true, active: false, acknowledged: true, retained: false }),
+  alarm('disabled', { enabled: false, retained: false, kind: 'off_normal' }),
+];
+
+it.each([
+  ['', ['new', 'seen', 'over']],
+  ['active', ['new', 'seen', 'shelved']],
+  ['new', ['new', 'shelved']],
+  ['unconfirmed', ['over']],
+  ['shelved', ['shelved']],
+  ['suppressed', ['suppressed']],
+  ['disabled', ['disabled']],
+  ['all', ['new', 'seen', 'over', 'disabled', 'shelved', 'suppressed']],
+] as const)('filter %s leaves what it says, what wants somebody first', (filter, ids) => {
+  expect(selectedAlarms(MANY, { text: '', filter, kind: '' }).map((one) => one.id)).toEqual(ids);
+  expect(filterCounts(MANY)[filter]).toBe(ids.length);
+});
+
+it('selects by kind and words', () => {
+  const found = (text: string, kind: string) =>
+    selectedAlarms(MANY, { text, filter: 'all', kind }).map((one) => one.id);
+  expect(found('', 'off_normal')).toEqual(['disabled']);
+  expect(found('SEEN rover', '')).toEqual(['seen']);
+});
+
+it('offers what can be done now', () => {
+  expect(actsOf(alarm('a'))).toEqual(['acknowledge', 'comment', 'shelve', 'suppress', 'disable']);
+  expect(actsOf(alarm('a', { acknowledged: true, confirmed: false }))[0]).toBe('confirm');
+  expect(actsOf(alarm('a', { enabled: false, shelved: 'timed' }))).toEqual(['enable']);
+  expect(actsOf(alarm('a', { shelved: 'one_shot', suppressed: true })).slice(2, 4)).toEqual(['unshelve', 'unsuppress']);
+  expect(actsOf(alarm('a', { kind: 'fault', acknowledged: true }))).toEqual(['comment', 'clear']);
+  expect(actsOf(alarm('a', { kind: 'dialog' }))).toEqual([]);
+});
+
+it('asks by ConditionId and EventId', () => {
+  const one = alarm('a');
+  expect(askedOf('confirm', one, 'ok', null)).toEqual({ alarm: 'ns=2;s=Alarms.a', event: 'ab', comment: 'ok' });
+  expect(askedOf('shelve', one, '', null)).toEqual({ alarm: 'ns=2;s=Alarms.a', time_s: null });
+  expect(askedOf('disable', one, '', 5)).toEqual({ alarm: 'ns=2;s=Alarms.a' });
+  expect(askedOf('clear', one, '', null)).toEqual({ fault: 'a' });
+});
+
+it('leads to what an alarm is about', () => {
+  const away = { robot: '', kind: 'off_normal' } as const;
+  expect(placeOf(alarm('a'))).toEqual({ page: 'robot', rest: ['rover'] });
+  expect(placeOf(alarm('a', away))).toEqual({ page: 'pubsub', rest: [] });
+  const dialog = (source_node: string) => placeOf(alarm('a', { robot: '', kind: 'dialog', source_node }));
+  expect(dialog('ns=2;s=Fleet.Resilience.Decisions.r.1.0')).toEqual({ page: 'resilience', rest: ['r.1.0'] });
+  expect(dialog('ns=2;s=Fleet.Scenarios.Runs.r.1')).toEqual({ page: 'scenarios', rest: ['run', 'r.1'] });
+  expect(placeOf(alarm('a', { robot: '', kind: 'certificate' }))).toBeNull();
+});
+
+it('tells of a condition what is not as usual', () => {
+  const told = (fields: ToldEvent['fields']) =>
+    conditionState({ type: '', time: null, severity: 1, message: '', source: '', node: '', audit: false, fields });
+  expect(told({ EnabledState: 'Enabled', ActiveState: 'Active', AckedState: 'Unacknowledged' })).toBe(
+    'Active · Unacknowledged',
+  );
+  expect(told({ RunId: 'r.1' })).toBe('');
 });
 
 it('finds all words wherever they stand', () => {

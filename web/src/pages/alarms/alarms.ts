@@ -1,17 +1,36 @@
 /** Alarms and events as the feeds tell them, in the order in which people want them. */
 import type { Json } from '../../lib/protocol';
 
-/** A fault of the feed `alarms`: active, or not yet acknowledged. */
+export type AlarmKind = 'fault' | 'limit' | 'off_normal' | 'certificate' | 'dialog' | 'other';
+
+/** A condition of the feed `alarms`: to be looked at, or put aside by a person. */
 export interface Alarm {
   id: string;
+  /** ConditionId, which its Methods are called of. */
+  node: string;
+  /** EventId of what is shown. */
+  event: string;
+  kind: AlarmKind;
+  /** The robot that it is about; empty: something else. */
   robot: string;
   source: string;
+  source_node: string;
   reason: string;
   capacities: string[];
   message: string;
   severity: number;
+  /** Whether it is active, not acknowledged or not confirmed. */
+  retained: boolean;
   active: boolean;
   acknowledged: boolean;
+  /** null: it is not to be confirmed. */
+  confirmed: boolean | null;
+  enabled: boolean;
+  suppressed: boolean;
+  shelved: '' | 'timed' | 'one_shot';
+  unshelve_at: string | null;
+  limit: string;
+  quality: number;
   since: string | null;
   time: string | null;
   comment: string;
@@ -30,9 +49,115 @@ export interface ToldEvent {
   fields: Record<string, Json>;
 }
 
+/** Whether a person has disabled, suppressed or shelved it. */
+export const isPutAside = (one: Alarm): boolean => !one.enabled || one.suppressed || one.shelved !== '';
+
+/** Whether it wants somebody. */
+export const wants = (one: Alarm): boolean => one.retained && !isPutAside(one);
+
+/** What the list can be narrowed to; empty: what wants somebody. */
+export const FILTERS = ['', 'active', 'new', 'unconfirmed', 'shelved', 'suppressed', 'disabled', 'all'] as const;
+export type AlarmFilter = (typeof FILTERS)[number];
+
+const PASSES: Record<AlarmFilter, (one: Alarm) => boolean> = {
+  '': wants,
+  active: (one) => one.enabled && one.active,
+  new: (one) => one.enabled && !one.acknowledged,
+  unconfirmed: (one) => one.enabled && one.acknowledged && one.confirmed === false,
+  shelved: (one) => one.shelved !== '',
+  suppressed: (one) => one.suppressed,
+  disabled: (one) => !one.enabled,
+  all: () => true,
+};
+
+/** A filter of the page's address. */
+export function filterOf(text: string): AlarmFilter {
+  return FILTERS.find((one) => one === text) ?? '';
+}
+
+export interface AlarmWish {
+  text: string;
+  filter: AlarmFilter;
+  /** An AlarmKind, or empty: any. */
+  kind: string;
+}
+
+/** Alarms as they are wanted, what wants somebody first. */
+export function selectedAlarms(alarms: Iterable<Alarm>, wish: AlarmWish): Alarm[] {
+  return sortedAlarms(
+    [...alarms].filter(
+      (one) =>
+        PASSES[wish.filter](one) &&
+        (!wish.kind || one.kind === wish.kind) &&
+        (!wish.text || matches(wish.text, alarmTexts(one))),
+    ),
+  );
+}
+
+/** How many alarms each filter leaves. */
+export function filterCounts(alarms: Iterable<Alarm>): Record<AlarmFilter, number> {
+  const all = [...alarms];
+  const count = (filter: AlarmFilter) => all.filter(PASSES[filter]).length;
+  return Object.fromEntries(FILTERS.map((one) => [one, count(one)])) as Record<AlarmFilter, number>;
+}
+
+/** Where an alarm is dealt with, or what it is about: a page with what follows its name; null: nowhere. */
+export function placeOf(one: Alarm): { page: string; rest: string[] } | null {
+  if (one.robot) return { page: 'robot', rest: [one.robot] };
+  const [, decision] = /;s=Fleet\.Resilience\.Decisions\.(.+)$/.exec(one.source_node) ?? [];
+  if (decision) return { page: 'resilience', rest: [decision] };
+  const [, run] = /;s=Fleet\.Scenarios\.Runs\.(.+)$/.exec(one.source_node) ?? [];
+  if (run) return { page: 'scenarios', rest: ['run', run] };
+  return one.kind === 'off_normal' ? { page: 'pubsub', rest: [] } : null;
+}
+
+/** What events about it have in them. */
+export const sourceOf = (one: Alarm): string => (one.kind === 'fault' ? one.robot : one.source);
+
+export type Act =
+  | 'acknowledge'
+  | 'confirm'
+  | 'comment'
+  | 'clear'
+  | 'shelve'
+  | 'unshelve'
+  | 'suppress'
+  | 'unsuppress'
+  | 'disable'
+  | 'enable';
+
+/** The operation of the console that does it, and the role that may. */
+export const operationOf = (act: Act): string => (act === 'clear' ? 'fault.clear' : `alarm.${act}`);
+export const roleOf = (act: Act): 'operator' | 'engineer' =>
+  ['suppress', 'unsuppress', 'disable', 'enable'].includes(act) ? 'engineer' : 'operator';
+
+/** What can be done with it now; what is most wanted first. */
+export function actsOf(one: Alarm): Act[] {
+  if (one.kind === 'dialog') return [];
+  if (!one.enabled) return ['enable'];
+  const acts: Act[] = [];
+  if (!one.acknowledged) acts.push('acknowledge');
+  else if (one.confirmed === false) acts.push('confirm');
+  acts.push('comment');
+  if (one.kind === 'fault') return one.active ? [...acts, 'clear'] : acts;
+  return [...acts, one.shelved ? 'unshelve' : 'shelve', one.suppressed ? 'unsuppress' : 'suppress', 'disable'];
+}
+
+/** For how long an alarm can be shelved, in seconds. */
+export const SHELVE_S = [300, 1800, 3600, 8 * 3600, 24 * 3600, 7 * 24 * 3600] as const;
+
+/** What an act asks for. */
+export function askedOf(act: Act, one: Alarm, comment: string, time_s: number | null): object {
+  if (act === 'clear') return { fault: one.id };
+  if (act === 'shelve') return { alarm: one.node, time_s };
+  if (act === 'acknowledge' || act === 'confirm' || act === 'comment')
+    return { alarm: one.node, event: one.event, comment };
+  return { alarm: one.node };
+}
+
 /** What wants somebody first: active before over, unacknowledged before acknowledged, then severe, then new. */
 export function sortedAlarms(alarms: Iterable<Alarm>): Alarm[] {
-  const rank = (one: Alarm) => (one.active ? 0 : 2) + (one.acknowledged ? 1 : 0);
+  const rank = (one: Alarm) => (isPutAside(one) ? 4 : 0) + (one.active ? 0 : 2) + (one.acknowledged ? 1 : 0);
   return [...alarms].sort(
     (a, b) =>
       rank(a) - rank(b) ||
@@ -51,8 +176,23 @@ export function matches(wanted: string, texts: readonly string[]): boolean {
     .every((word) => text.includes(word));
 }
 
-export const alarmTexts = (one: Alarm) => [one.robot, one.source, one.reason, one.message, ...one.capacities];
+export const alarmTexts = (one: Alarm) => [
+  ...[one.id, one.robot, one.source, one.reason, one.message, one.comment, ...one.capacities],
+];
 export const eventTexts = (one: ToldEvent) => [one.type, one.message, one.source];
+
+/** What an event says of the state of a condition, in the server's words; empty: it is about none. */
+export function conditionState({ fields }: ToldEvent): string {
+  const words = ['EnabledState', 'ActiveState', 'AckedState', 'ConfirmedState', 'SuppressedState'].map(
+    (name) => fields[name],
+  );
+  const shelving = fields['ShelvingState/CurrentState'];
+  return [...words, shelving]
+    .filter((word): word is string => typeof word === 'string' && !USUAL.has(word))
+    .join(' · ');
+}
+
+const USUAL = new Set(['Enabled', 'Confirmed', 'Unsuppressed', 'Unshelved']);
 
 /** OPC 10000-5 6.4.2: 1 to 1000; the bands of UaExpert and of most alarm lists. */
 export function severityBand(severity: number): 'high' | 'medium' | 'low' {

@@ -3,6 +3,7 @@ import {
   type ListedDecision,
   type Ranking,
   type Settings,
+  leftUntil,
   partsOf,
   percent,
   sortedDecisions,
@@ -43,6 +44,13 @@ it('shares a score among the criteria, as a part of the best one', () => {
   expect(second.map((one) => one.part)).toEqual([0.5, 0]);
   expect(second[1]?.missing).toBe('silent');
   expect(partsOf({ ...RANKING, robots: [] }, 0)).toEqual([]);
+});
+
+it('counts down by the clock of the server', () => {
+  const now = Date.parse('2030-01-01T00:00:00Z');
+  expect(leftUntil('2030-01-01T00:01:00Z', now, 0)).toBe(60);
+  expect(leftUntil('2030-01-01T00:01:00Z', now, 3600)).toBe(-3540);
+  expect(leftUntil('2030-01-01T00:01:00Z', now, -30)).toBe(90);
 });
 
 it('puts open decisions first, then the newest', () => {

@@ -20,6 +20,10 @@ export interface DecisionHead {
   reason: string;
   chosen: string;
   by: string;
+  /** When it was opened, by the server's clock. */
+  started: string | null;
+  /** When it is decided without a person, by the server's clock; null: it is not open, or nobody knows. */
+  deadline: string | null;
 }
 
 export interface ListedDecision extends DecisionHead {
@@ -51,6 +55,11 @@ export interface Preview {
 export const MOST_INCONSISTENT = 0.1;
 
 const number = (value: Json) => numberOf(value) ?? 0;
+
+/** Seconds until a time of the server's clock; `now_ms` of the console's. */
+export function leftUntil(deadline: string, now_ms: number, ahead_s: number): number {
+  return (Date.parse(deadline) - now_ms) / 1000 - ahead_s;
+}
 
 /** Open ones first, then the newest: their ids rise. */
 export function sortedDecisions(decisions: Iterable<ListedDecision>): ListedDecision[] {

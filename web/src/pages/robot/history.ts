@@ -1,4 +1,7 @@
-/** What this page has seen of numbers, for lines: what it was from when on, with gaps. Times are the browser's, in ms. */
+/**
+ * The course of numbers, for lines: what each was from when on, with gaps. It begins with what the server has kept, and
+ * goes on with what this page has seen. Times are the browser's, in ms.
+ */
 export const KEPT_MS = 15 * 60_000;
 /** Points of one number; with more the oldest half goes. */
 const MOST = 12_000;
@@ -24,6 +27,28 @@ export class History {
     this.#drop(first);
   }
 
+  /** Put what the server has kept in the place of all between two times: at `until` this page has begun to see it. */
+  fill(from: number, until: number, times: readonly number[], values: readonly (number | null)[]): void {
+    const seen = new History();
+    const put = (at: number, value: number | null) => {
+      // Of two values of one moment the later one counts.
+      if (seen.times.at(-1) === at) seen.#drop(-1);
+      seen.add(at, value);
+    };
+    this.times.forEach((at, index) => at < from && put(at, this.values[index] ?? null));
+    times.forEach((at, index) => at < until && put(Math.max(at, from), values[index] ?? null));
+    const later = this.times.findIndex((at) => at >= until);
+    // It was not Good when this page began to look, whatever was kept last.
+    if (later < 0) put(until, null);
+    else {
+      // As it was seen, even where the last one that was kept is the same: this is where it was seen first.
+      seen.times.push(...this.times.slice(later));
+      seen.values.push(...this.values.slice(later));
+    }
+    this.times.splice(0, this.times.length, ...seen.times);
+    this.values.splice(0, this.values.length, ...seen.values);
+  }
+
   /** As it is now, whatever comes later. */
   copy(): History {
     const copy = new History();
@@ -32,9 +57,11 @@ export class History {
     return copy;
   }
 
+  /** The first ones; negative: the last ones. */
   #drop(count: number): void {
-    this.times.splice(0, count);
-    this.values.splice(0, count);
+    const [at, some] = count < 0 ? [this.times.length + count, -count] : [0, count];
+    this.times.splice(at, some);
+    this.values.splice(at, some);
   }
 
   /** What it was at `count` times that end at `now`, the span apart in equal steps; null where nothing is known. */

@@ -18,6 +18,7 @@ const about = (path: string[], more: Partial<DataNode> = {}): DataNode => ({
   folder: 'Data',
   type: 'Double',
   writable: false,
+  history: false,
   description: '',
   unit: '',
   ...more,

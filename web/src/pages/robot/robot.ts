@@ -19,6 +19,8 @@ export interface DataNode {
   folder: 'Data' | 'Sensors';
   type: string;
   writable: boolean;
+  /** Whether the server keeps its past, and this user may read it. */
+  history: boolean;
   description: string;
   unit: string;
   low?: number;

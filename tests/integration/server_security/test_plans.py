@@ -291,7 +291,7 @@ def _call(rng: random.Random, hardened: Door) -> Any:
     objects, methods = ua.NodeId(ua.ObjectIds.ObjectsFolder), hardened.nodes.methods
     named = [method for name, method in methods.items() if name != "sleeps"]
     request = ua.CallRequest()
-    calls = []
+    calls: list[Any] = []
     for _ in range(rng.choice((0, 1, 1, 1, 4))):
         owner = rng.choice((objects, objects, objects, objects, ua.NodeId(ua.ObjectIds.Server), ua.NodeId("x", 2)))
         method = rng.choice((*named, methods["add"], methods["add"], hardened.nodes.value, ua.NodeId("y", 2)))
@@ -342,7 +342,7 @@ async def test_a_call_of_what_has_changed_since_is_done_as_it_is_now(tmp_path: P
         space[add].call = None
         with pytest.raises(ua.UaStatusCodeError, match="BadNotImplemented"):
             await objects.call_method(add, 1, 1)
-        owner = space[objects.nodeid]
+        owner: Any = space[objects.nodeid]
         owner.references[:] = [each for each in owner.references if each.NodeId != add]
         with pytest.raises(ua.UaStatusCodeError, match="BadMethodInvalid"):
             await objects.call_method(add, 1, 1)

@@ -147,7 +147,10 @@ def _add(target: _Target, times: Any, answer: ArrayResponse) -> bool:
             return False
         if data is None:
             return False
-    if target.access is not None and not target.access.is_as_it_was:
+    access = target.access
+    if access is not None and (  # as `is_as_it_was` has it: each value of each Read comes by here
+        access.level.value is not access.level_value or access.user_level.value is not access.user_level_value
+    ):
         return False
     if times is not _BOTH:
         data = with_times(data, times)

@@ -31,16 +31,16 @@ T = TypeVar("T")
 class Access:
     """What AccessLevel and UserAccessLevel of a node were when it was looked at."""
 
-    __slots__ = ("_level", "_level_value", "_user_level", "_user_level_value")
+    __slots__ = ("level", "level_value", "user_level", "user_level_value")
 
     def __init__(self, level: Any, user_level: Any) -> None:
-        self._level, self._level_value = level, level.value
-        self._user_level, self._user_level_value = user_level, user_level.value
+        self.level, self.level_value = level, level.value
+        self.user_level, self.user_level_value = user_level, user_level.value
 
     @property
     def is_as_it_was(self) -> bool:
         """Whether they are the same objects still, which nobody changes."""
-        return self._level.value is self._level_value and self._user_level.value is self._user_level_value
+        return self.level.value is self.level_value and self.user_level.value is self.user_level_value
 
 
 class Targets(Generic[T]):

@@ -95,6 +95,18 @@ def _see_how_long_it_waits(page: Page) -> None:
     expect(left.last).to_have_text(re.compile(r"^[89] min( \d+ s)? left$"))
 
 
+def _see_it_on_a_narrow_page(page: Page) -> None:
+    browsing.show(page, "light", 360)
+    choose = page.get_by_role("button", name="Choose right")
+    choose.scroll_into_view_if_needed()
+    expect(choose).to_be_in_viewport(ratio=1)
+    narrow = page.get_by_role("table", name="Scores")
+    assert narrow.evaluate("one => one.scrollWidth - one.parentElement.clientWidth") <= 0, "it is to be scrolled"
+    expect(narrow.get_by_role("row").nth(1).get_by_role("cell", name="worth").first).to_contain_text("battery")
+    expect(narrow.get_by_role("columnheader", name="battery")).to_be_visible()
+    browsing.show(page, "light", 1280)
+
+
 def _leave_and_come_back(page: Page) -> None:
     """What was tried is there again, in the same window alone, until it is reset or the decision is made."""
     said = "You try a comparison. Only you see it."
@@ -145,15 +157,7 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     expect(ranked(observer)).to_have_text(["middle", "right"])  # what is tried is nobody else's
     picture(page, "resilience")
     _leave_and_come_back(page)
-    browsing.show(page, "light", 360)
-    choose = page.get_by_role("button", name="Choose right")
-    choose.scroll_into_view_if_needed()
-    expect(choose).to_be_in_viewport(ratio=1)
-    narrow = page.get_by_role("table", name="Scores")
-    assert narrow.evaluate("one => one.scrollWidth - one.parentElement.clientWidth") <= 0, "it is to be scrolled"
-    expect(narrow.get_by_role("row").nth(1).get_by_role("cell", name="worth").first).to_contain_text("battery")
-    expect(narrow.get_by_role("columnheader", name="battery")).to_be_visible()
-    browsing.show(page, "light", 1280)
+    _see_it_on_a_narrow_page(page)
     _find_it_from_the_run(page)
     page.get_by_role("button", name="Keep for this decision").click()
     expect(ranked(observer)).to_have_text(["right", "middle"])

@@ -119,9 +119,10 @@ async def client(folder: Path, url: str) -> None:
             what, *numbers = line.split()
             if what != "echo":
                 run_id = await scenarios.run(SCENARIO_NAME, carried=what == "carried")
-                async for info in scenarios.follow(run_id):
-                    state, reason = info.state, info.reason
-                print(json.dumps([state, reason]), flush=True)
+                async for _ in scenarios.follow(run_id):
+                    pass
+                info = await scenarios.run_info(run_id)
+                print(json.dumps([info.state, info.reason]), flush=True)
                 continue
             count, size, port = map(int, numbers)
             times: list[float] = []

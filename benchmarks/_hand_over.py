@@ -1,12 +1,12 @@
 """The processes of the benchmark `hand_over`.
 
     python -m benchmarks._hand_over server FLEET           the server
-    python -m benchmarks._hand_over bridge FLEET NAME      a bridge whose robot does everything at once
+    python -m benchmarks._hand_over bridge FLEET NAME      a bridge whose robot takes TASK_S for everything
     python -m benchmarks._hand_over client FLEET URL       runs scenarios, and asks an echo
 
-A bridge answers the line `taken` with the monotonic times at which its robot was called since the last one. The client
-answers `orchestrated` and `carried` with how the run has ended, and `echo N BYTES PORT` with the microseconds of N
-round trips.
+A bridge answers the line `taken` with the monotonic times at which its robot was called and was done since the last
+one. The client answers `orchestrated` and `carried` with how the run has ended, and `echo N BYTES PORT` with the
+microseconds of N round trips.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pathlib import Path
 import structlog
 
 from benchmarks._actions import PAUSE_S, EchoClient
-from benchmarks.hand_over import PASSWORD, SCENARIO_NAME, SKILL, USER
+from benchmarks.hand_over import PASSWORD, SCENARIO_NAME, SKILL, TASK_S, USER
 from tests.contract.virtual import Bus, VirtualDriver
 from ua_fleet.bridge import Driver, DriverStatus, Execution, ExecutionEnded, Inlet, Skill, SkillTarget
 from ua_fleet.bridge.runner import run_bridge
@@ -36,7 +36,7 @@ from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 
 class Noting(Driver):
-    """A driver whose robot does everything at once, and notes when it was called."""
+    """A driver whose robot takes TASK_S for everything, and notes when it was called and was done."""
 
     def __init__(self, config: FleetConfig, name: str) -> None:
         bus, ns = Bus(), config.fleet.namespace_index
@@ -52,6 +52,7 @@ class Noting(Driver):
         target = SkillTarget(1, robot, Topic(space, ns, status_id))
         self._skills = (Skill(Topic(space, ns, skill_id), SKILL, (target,)),)
         self.called: list[float] = []
+        self.done: list[float] = []
 
     async def start(self, inlet: Inlet) -> None:
         self._inlet = inlet
@@ -71,8 +72,12 @@ class Noting(Driver):
 
     def execute(self, execution: Execution) -> None:
         self.called.append(time.monotonic())
+        asyncio.get_running_loop().call_later(TASK_S, self._end, execution.execution_id)
+
+    def _end(self, execution_id: bytes) -> None:
         assert self._inlet is not None
-        self._inlet.put(ExecutionEnded(execution.execution_id))
+        self.done.append(time.monotonic())
+        self._inlet.put(ExecutionEnded(execution_id))
 
     def query(self, execution: Execution) -> None: ...
 
@@ -91,8 +96,9 @@ async def bridge(config: FleetConfig, folder: Path, name: str) -> None:
         )
     )
     async for _ in lines():
-        print(json.dumps(driver.called), flush=True)
+        print(json.dumps([driver.called, driver.done]), flush=True)
         driver.called.clear()
+        driver.done.clear()
     running.cancel()
     await asyncio.wait([running])
 
@@ -113,9 +119,10 @@ async def client(folder: Path, url: str) -> None:
             what, *numbers = line.split()
             if what != "echo":
                 run_id = await scenarios.run(SCENARIO_NAME, carried=what == "carried")
-                async for info in scenarios.follow(run_id):
-                    state, reason = info.state, info.reason
-                print(json.dumps([state, reason]), flush=True)
+                async for _ in scenarios.follow(run_id):
+                    pass
+                info = await scenarios.run_info(run_id)
+                print(json.dumps([info.state, info.reason]), flush=True)
                 continue
             count, size, port = map(int, numbers)
             times: list[float] = []

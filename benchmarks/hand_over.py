@@ -1,14 +1,13 @@
 """From the end of a step to the call of the robot in the next bridge: carried, orchestrated, and a bare UDP echo.
 
-A server and two bridges as processes of their own, whose robots do everything at once: the time from a robot's call to
-the call of the other one is that of the hand-over. The same processes run the same tasks in both modes, in turn. The
+A server and two bridges as processes of their own, whose robots take 50 ms for each task: measured is from the moment
+in which a robot is done to the call of the other one. The same processes run the same tasks in both modes, in turn. The
 journals are on the disk, as in production. The echo has as many bytes as a token and its answer.
 """
 
 from __future__ import annotations
 
 import contextlib
-import itertools
 import json
 import os
 import sys
@@ -27,6 +26,7 @@ USER, PASSWORD = "operator", "benchmark-1"
 SKILL: Final = "work"
 SCENARIO_NAME: Final = "to_and_fro"
 TASKS: Final = 20
+TASK_S: Final = 0.05
 TOKEN_BYTES, ANSWER_BYTES = 147, 100
 """As `simulate --carried` counts them, without message security."""
 ECHOES: Final = 100
@@ -88,21 +88,24 @@ class Fleet:
             self.run(mode)  # everybody knows everybody then
 
     def run(self, mode: str) -> list[float]:
-        """Microseconds from each robot's call to the next one's."""
-        self._called()
+        """Microseconds from the end of each task to the call for the next one."""
+        self._taken()
         self._client.tell(mode)
         state, reason = json.loads(self._client.read())
-        called = self._called()
+        called, done = self._taken()
         if (state, len(called)) != ("done", TASKS):
             raise Failed(f"a run that is {mode} is {state} ({reason}), and robots were called {len(called)} times")
-        return [(later - earlier) * 1e6 for earlier, later in itertools.pairwise(called)]
+        return [(later - earlier) * 1e6 for earlier, later in zip(done, called[1:], strict=False)]
 
-    def _called(self) -> list[float]:
-        times: list[float] = []
+    def _taken(self) -> tuple[list[float], list[float]]:
+        called: list[float] = []
+        done: list[float] = []
         for bridge in self._bridges:
             bridge.tell("taken")
-            times += json.loads(bridge.read())
-        return sorted(times)
+            of_bridge = json.loads(bridge.read())
+            called += of_bridge[0]
+            done += of_bridge[1]
+        return sorted(called), sorted(done)
 
     def echo(self) -> list[float]:
         """Microseconds of round trips."""

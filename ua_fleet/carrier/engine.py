@@ -336,6 +336,8 @@ class SegmentEngine:
             else:
                 self._take(self._state.apply(event, wall))
                 self._follow(event)
+        if is_own:
+            self._service.take_news()  # a bridge has few robots of its own: the end of a step waits for no others
         self._service.end_batch()
 
     def _take(self, changes: Iterable[Change]) -> None:

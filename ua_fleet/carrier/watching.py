@@ -2,8 +2,8 @@
 
     facts of segments, decisions, what is held and handed over --FLUSH_S later--> one message for each run with news
 
-What happens within FLUSH_S is one message, so that a step has two at most: it begins, and it has ended, its token is on
-its way or has arrived.
+What happens within FLUSH_S is one message, so that a step has two: it begins, and it has ended and its token is with
+the next bridge. One that is not acknowledged within HAND_OVER_S is told to be on its way.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from ua_fleet.scenario.facts import Fact, TaskAssigned, TaskOver
 __all__ = ["FLUSH_S", "RunWatch"]
 
 FLUSH_S: Final = 0.02
+HAND_OVER_S: Final = 0.5
+"""So long a token may be on its way until it is told that it is: mostly it has arrived before."""
 MOST_TASKS: Final = 8
 """Tasks that one message tells of: the last ones."""
 MOST_TEXT: Final = 80
@@ -45,6 +47,8 @@ class _Watched:
     ranking: tuple[tuple[str, float], ...] = ()
     facts: int = 0
     is_new: bool = False
+    since: float = 0.0
+    """Since when, by the clock of the loop."""
 
 
 class RunWatch:
@@ -123,16 +127,23 @@ class RunWatch:
                 watched.tasks[fact.step] = fact.task, fact.robot
 
     def _soon(self, watched: _Watched) -> None:
-        watched.is_new = True
+        if not watched.is_new:
+            watched.is_new, watched.since = True, self._ground.loop.time()
+        self._arm()
+
+    def _arm(self) -> None:
         if not self._is_due:
             self._is_due = True
             self._ground.loop.call_later(FLUSH_S, self._flush)
 
     def _flush(self) -> None:
         self._is_due = False
+        waits_until = self._ground.loop.time() - HAND_OVER_S
         with self._ground.mistakes.guard("carried runs"):
             for run_id, watched in self._runs.items():
-                if watched.is_new:
+                if watched.is_new and watched.hands_to and watched.since > waits_until:
+                    self._arm()
+                elif watched.is_new:
                     watched.is_new = False
                     self._tell(run_id, watched)
         self._ground.sooner()

@@ -60,7 +60,8 @@ def prepare(testbed: _Which, folder: _Folder = _DEFAULT_FOLDER) -> None:
     These are fleet.yaml, the certificates by which server and bridges know each other, and the user `operator` with a
     password; for `brokered` also the MQTT broker's certificate, users and rights, and the keys of PubSub. It may be run
     again at any time: existing files stay, and so does a file that you have edited.
-    UA_FLEET_SPEED and UA_FLEET_RESILIENCE (operator or automatic) set up the demonstration.
+    UA_FLEET_SPEED, UA_FLEET_RESILIENCE (operator or automatic) and UA_FLEET_MODE (orchestrated or carried) set up the
+    demonstration.
     """
     plan, options = _plan(testbed)
     with extra_needed("the testbed", "server"):

@@ -79,6 +79,8 @@ class Options:
     """First three bytes of the addresses of all containers."""
     console_port: int = CONSOLE_PORT
     """Port of loopback of the host at which the web console is published."""
+    is_carried: bool = False
+    """Whether bridges carry the run of the nine tasks."""
 
     @classmethod
     def of(cls, environment: Mapping[str, str]) -> Options:
@@ -100,8 +102,14 @@ class Options:
                 raise _wrong(name, number, "a TCP port")
         if not _NETWORK.fullmatch(network):
             raise _wrong("NET", network, "the first three numbers of a network's addresses, e.g. 10.214.84")
-        host = given("PUBLISH", usual.published_host)
-        return cls(float(speed), cast("Mode", mode), host, int(port), network, int(console_port))
+        host, run = given("PUBLISH", usual.published_host), given("MODE", "orchestrated")
+        if run not in ("orchestrated", "carried"):
+            raise _wrong("MODE", run, "orchestrated or carried")
+        if run == "carried" and mode != "automatic":
+            raise _wrong("RESILIENCE", mode, "automatic where UA_FLEET_MODE is carried")
+        return cls(
+            float(speed), cast("Mode", mode), host, int(port), network, int(console_port), is_carried=run == "carried"
+        )
 
 
 def _wrong(name: str, value: str, wanted: str) -> ConfigError:
@@ -172,6 +180,7 @@ class Testbed:
             speed=options.speed,
             mode=options.mode,
             limit_s=LIMIT_S,
+            is_carried=options.is_carried,
         )
         return {"fleet.yaml": text, f"scenarios/{self.scenario}.yaml": talkrobots.scenario_text(), **console}
 

@@ -110,6 +110,7 @@ async def conduct(
                     patience_s=math.inf,
                     scenario=testbed.scenario,
                     tasks=testbed.tasks,
+                    is_carried=options.is_carried and is_of_the_paper,
                 )
             await _follow(conductor, connect, say)
 

@@ -9,7 +9,7 @@ from ua_demo.simulators.fleet.memory import VirtualLoop
 
 from tests.unit.carrying.test_plan import plan, task
 from ua_fleet.bridge.carry import CarryGround
-from ua_fleet.carrier.watching import FLUSH_S, MOST_TASKS, RunWatch
+from ua_fleet.carrier.watching import FLUSH_S, HAND_OVER_S, MOST_TASKS, RunWatch
 from ua_fleet.carrying import Holder, SendToken, encode_part, encode_token, parts_of
 from ua_fleet.carrying.token import SegmentRound, Token
 from ua_fleet.counters import Counters
@@ -101,7 +101,8 @@ def test_a_step_is_told_when_it_begins_and_when_its_token_is_on_the_way() -> Non
     bridge.watch.happened(RUN, over())
     bridge.holder.segment_ended(RUN, SegmentRound(0), 2.0, results={})
     bridge.watch.look(bridge.holder)
-    (ended,) = bridge.told()
+    assert bridge.told() == [], "mostly it has arrived soon"
+    (ended,) = bridge.told(HAND_OVER_S)
     assert (list(ended["Holds"]), list(ended["HandsTo"])) == ([], [301])
     assert list(ended["States"]) == ["done"]
     assert ended["Facts"] == 2

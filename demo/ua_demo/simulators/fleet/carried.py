@@ -63,9 +63,17 @@ def carried_parts(
         show: told of everything that happens, in seconds of its clock.
         ground: of the server.
     """
+    service = _service_of(config, model, place, show, ground)
+    runs = _runs_of(config, service, place, ground)
+    ns = config.fleet.namespace_index
+    actions = [carry_topic(bridge.space, ns) for bridge in config.bridges.values()]
+    return Parts(runs=service, carried=_OneRun(runs, scenario, actions, ground.skills, place.clock))
 
-    def wall_s() -> float:
-        return _BEGAN_S + place.clock()
+
+def _service_of(
+    config: FleetConfig, model: FleetModel, place: Place, show: Callable[[Output], None], ground: Ground
+) -> ScenarioService:
+    """What shows runs, with its journal in memory."""
 
     def shown(output: Output) -> None:
         if isinstance(output, RunChanged):
@@ -84,12 +92,17 @@ def carried_parts(
         requested=lambda _node, _execution_id: None,
         sooner=nothing,
         clock=place.clock,
-        wall_s=wall_s,
+        wall_s=lambda: _BEGAN_S + place.clock(),
         mistakes=ground.mistakes,
         log=Unread(),
     )
     service.restore()
-    runs = CarriedRuns(
+    return service
+
+
+def _runs_of(config: FleetConfig, service: ScenarioService, place: Place, ground: Ground) -> CarriedRuns:
+    """What gives bridges their parts, and follows."""
+    return CarriedRuns(
         config,
         service,
         partial(
@@ -107,15 +120,12 @@ def carried_parts(
         reserve=service.driven,
         sooner=nothing,
         clock=place.clock,
-        wall_s=wall_s,
+        wall_s=lambda: _BEGAN_S + place.clock(),
         mistakes=ground.mistakes,
         log=Unread(),
         new_id=lambda _now: RUN_ID,
         follow_s=FOLLOW_S * place.timing.keep_alive_s / PubSubTiming().keep_alive_s,
     )
-    ns = config.fleet.namespace_index
-    actions = [carry_topic(bridge.space, ns) for bridge in config.bridges.values()]
-    return Parts(runs=service, carried=_OneRun(runs, scenario, actions, ground.skills, place.clock))
 
 
 class _OneRun(CarriedPart):

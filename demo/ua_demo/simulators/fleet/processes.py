@@ -125,30 +125,32 @@ class VirtualBridge:
             skills_period_s=math.inf,  # a virtual robot's never change
         )
         if carry is not None:
-            self._core.carrying = carry(
-                CarryGround(
-                    publisher,
-                    subscriber,
-                    self._core,
-                    self._actions,
-                    place.counters,
-                    self._mistakes,
-                    self._loop,
-                    send=self._send,
-                    send_to=self._send,
-                    wall_ticks=place.wall_ticks,
-                    sooner=nothing,
-                    must_be_verified=True,
-                    answers=answer_address,
-                    limits=ResponderLimits(),
-                )
-            )
+            self._core.carrying = carry(self._carry_ground(publisher, subscriber, place))
         topic = status_topic(config, bridge)
         assert topic is not None, "fleet_of gives each bridge one"
         self._status_topic = topic
         self._status_period_s = STATUS_INTERVAL_S * place.timing.keep_alive_s / PubSubTiming().keep_alive_s
         self._status_at = 0.0
         self._has_begun = False
+
+    def _carry_ground(self, publisher: Publisher, subscriber: Subscriber, place: Place) -> CarryGround:
+        """What who carries runs here is given."""
+        return CarryGround(
+            publisher,
+            subscriber,
+            self._core,
+            self._actions,
+            place.counters,
+            self._mistakes,
+            self._loop,
+            send=self._send,
+            send_to=self._send,
+            wall_ticks=place.wall_ticks,
+            sooner=nothing,
+            must_be_verified=True,
+            answers=answer_address,
+            limits=ResponderLimits(),
+        )
 
     def receive(self, datagram: bytes, sender: Address) -> None:
         """Take a datagram."""

@@ -84,6 +84,10 @@ def test_options_come_from_the_environment() -> None:
     given["CONSOLE_PORT"] = "8081"
     expected = Options(2.5, "automatic", "192.0.2.7", 4841, "10.1.2", 8081)
     assert Options.of({f"UA_FLEET_{name}": value for name, value in given.items()}) == expected
+    carried = {"UA_FLEET_MODE": "carried", "UA_FLEET_RESILIENCE": "automatic"}
+    assert Options.of(carried) == Options(mode="automatic", is_carried=True)
+    with pytest.raises(ConfigError, match="give automatic where UA_FLEET_MODE is carried"):
+        Options.of({"UA_FLEET_MODE": "carried"})
 
 
 @pytest.mark.parametrize(
@@ -91,6 +95,7 @@ def test_options_come_from_the_environment() -> None:
     [
         *(("SPEED", value) for value in ("fast", "nan", "0", "21", "1e1")),
         ("RESILIENCE", "abort"),
+        ("MODE", "flown"),
         *(("PORT", value) for value in ("http", "0", "70000")),
         *(("NET", value) for value in ("10.1", "10.1.2.0/24")),
     ],

@@ -138,6 +138,10 @@ def test_other_options_are_taken_the_next_time(tmp_path: Path) -> None:
     assert first.pubsub.security.value == second.pubsub.security.value == "sign_and_encrypt"
     assert not second.server.trust_all_clients
     assert second.modbus is not None
+    assert {bridge.requestors for bridge in second.bridges.values()} == {(0,)}
+    carried = nine_tasks(tmp_path, Options(mode="automatic", is_carried=True))
+    spaces = sorted(bridge.space for bridge in carried.bridges.values())
+    assert {bridge.requestors for bridge in carried.bridges.values()} == {(0, *spaces)}
     assert second.modbus.writers == ("10.9.8.192/27", "127.0.0.1")
     states = {f"../{name}" for name in TESTBEDS["talkrobots"].bridges}
     assert {second.state_dir_of(name) for name in second.bridges} == states

@@ -17,6 +17,7 @@ from asyncua.ua.ua_binary import Primitives, nodeid_to_binary, struct_to_binary,
 
 __all__ = [
     "NUMBERS",
+    "encode_content",
     "encode_diagnostic_info",
     "encode_localized_text",
     "encode_node_id",
@@ -99,8 +100,8 @@ def encode_node_id(node_id: Any) -> bytes:
         if kind is _OPAQUE and isinstance(node_id.Identifier, bytes):
             return _NAMED.pack(5, node_id.NamespaceIndex, len(node_id.Identifier)) + node_id.Identifier
         if kind is _GUID:
-            guid: Any = node_id.Identifier
-            return _GUID_HEAD.pack(4, node_id.NamespaceIndex) + bytes(guid.bytes_le)
+            guid: bytes = node_id.Identifier.bytes_le
+            return _GUID_HEAD.pack(4, node_id.NamespaceIndex) + guid
     return nodeid_to_binary(node_id)
 
 
@@ -149,6 +150,17 @@ def encode_variant(variant: Any) -> bytes:
         pass  # asyncua says what is wrong with it
     data: bytes = variant_to_binary(variant)
     return data
+
+
+def encode_content(value: Any, kind: Any) -> bytes:
+    """A Variant of this content and VariantType, which for a scalar is not made at all."""
+    scalar = _SCALARS.get(kind)
+    if scalar is not None and type(value) not in (list, tuple):
+        try:
+            return scalar(value)
+        except (struct.error, TypeError, OverflowError, AttributeError):
+            pass  # asyncua says what is wrong with it
+    return encode_variant(ua.Variant(value, kind))
 
 
 def _number(kind: int, code: str) -> Callable[[Any], bytes]:

@@ -25,7 +25,7 @@ from tests.integration.server_model.harness import (
     until,
 )
 from ua_fleet.endpoint.certificates import CertificateFiles, certificates_folder, create_certificate
-from ua_fleet.operation.runs.service import ScenarioService
+from ua_fleet.operation.runs.robot_news import RobotNews
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.values import BuiltinType
 
@@ -268,13 +268,13 @@ async def test_a_kill_between_an_alarm_and_its_fault_leaves_them_agreed(
     config = fleet_config(udp_url, tcp_port, robots=robots(fault=["mobile"]))
     fault = "ns=2;s=Fleet.Faults.rover.alarm.speed.ActiveState.Id"
 
-    def nothing(_service: ScenarioService, _found: object) -> None:
+    def nothing(_news: RobotNews, _found: object) -> None:
         """The fault's commit never comes."""
 
     async def killed(value: float, *, active: bool) -> None:
         """A server that writes down the alarm, and ends before the fault."""
         with monkeypatch.context() as cut:
-            cut.setattr(ScenarioService, "alarms_found", nothing)
+            cut.setattr(RobotNews, "alarms_found", nothing)
             async with serving(tmp_path, config) as running, running.client() as client:
                 running.peer.announce(SPEED, (make_field("speed", BuiltinType.DOUBLE),))
                 await say(running, client, value)

@@ -22,6 +22,7 @@ from asyncua.common.events import Event
 
 from ua_fleet.endpoint.audit import Caller
 from ua_fleet.endpoint.audit.allowance import Allowances
+from ua_fleet.endpoint.kept_events import MOST_FIELD_BYTES, MOST_STRANGER_BYTES
 from ua_fleet.endpoint.sessions import Session
 from ua_fleet.endpoint.stack import ObjectIds, StatusCodes, name_of, ns0, shown
 from ua_fleet.endpoint.subscriptions import SubscriptionRegistry
@@ -261,7 +262,8 @@ class AuditEvents:
         for name, value, kind in (*common, *fields):
             event.add_property(name, value, kind)
         if (keeper := self._subscriptions.keeper) is not None and keeper.audit:
-            keeper.keep(event, is_audit=True)
+            most_bytes = MOST_STRANGER_BYTES if caller.is_stranger else MOST_FIELD_BYTES
+            keeper.keep(event, is_audit=True, most_bytes=most_bytes)
         for subscription in audience:
             subscription.items.tell(event)
 

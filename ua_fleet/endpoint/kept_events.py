@@ -19,10 +19,12 @@ from ua_fleet.history.events import KeptEvent, encode_event
 from ua_fleet.history.rows import Row
 from ua_fleet.values import datetime_from_ticks
 
-__all__ = ["MOST_FIELD_BYTES", "EventKeeper", "PastEvent", "past_event"]
+__all__ = ["MOST_FIELD_BYTES", "MOST_STRANGER_BYTES", "EventKeeper", "PastEvent", "past_event"]
 
 MOST_FIELD_BYTES: Final = 16_384
 """Of a field; a larger one is not kept."""
+MOST_STRANGER_BYTES: Final = 512
+"""Likewise of an event that somebody without a user has caused: the thumbprint of a certificate, and not all of it."""
 _SERVER: Final = ns0(ObjectIds.Server)
 _LOST: Final = ns0(ObjectIds.EventQueueOverflowEventType)
 _LOST_TEXT: Final = "events are missing from here on: the server did not run, or could not store them"
@@ -51,13 +53,13 @@ class EventKeeper:
         """
         self._record, self._misfit, self.audit = record, misfit, audit
 
-    def keep(self, event: Any, *, is_audit: bool = False) -> None:
-        """Keep an event; clients are told of it whether that can be done or not."""
+    def keep(self, event: Any, *, is_audit: bool = False, most_bytes: int = MOST_FIELD_BYTES) -> None:
+        """Keep an event, with its fields of at most so many bytes; clients are told of it in any case."""
         try:
             fields: dict[str, bytes] = {}
             for name, kind in event.data_types.items():
                 value = getattr(event, name)
-                if value is not None and len(data := encode_content(value, kind)) <= MOST_FIELD_BYTES:
+                if value is not None and len(data := encode_content(value, kind)) <= most_bytes:
                     fields[name] = data
             time = ticks_of(event.Time)
             self._record(time, encode_event(time, fields), is_audit=is_audit)

@@ -6,14 +6,23 @@ does not do its part; what was not taken may be given again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final, Protocol
 
+from ua_fleet.history.events import AUDIT_EVENTS
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import Series
 from ua_fleet.values import NodeId
 
-__all__ = ["HistoryStore", "node_of", "node_text", "over_limit_text"]
+__all__ = ["BOUNDED", "BOUNDED_PART", "HistoryStore", "cut_of", "node_of", "node_text", "over_limit_text"]
+
+BOUNDED: Final = AUDIT_EVENTS
+"""The series that anybody who reaches the server makes rows of, with or without a user. It takes at most a part of the
+store, and its oldest rows go before any other's: nobody pushes out what the robots have said."""
+BOUNDED_PART: Final = 4
+"""A quarter."""
+_ROW_BYTES: Final = 50
+"""Of a row or block beside its value, with its index."""
 
 
 class HistoryStore(Protocol):
@@ -58,7 +67,7 @@ class HistoryStore(Protocol):
         Args:
             now: the time, in ticks.
             days_of: for how long the rows of a node are kept.
-            most_bytes: that the store may take.
+            most_bytes: that the store may take; `BOUNDED` of these at most one `BOUNDED_PART`-th.
 
         Returns:
             Whether there is more to do now.
@@ -72,6 +81,26 @@ class HistoryStore(Protocol):
     def close(self) -> None:
         """Give the database free. Safe to call twice."""
         ...
+
+
+def cut_of(newest_first: Iterable[tuple[int, int]], most_bytes: int) -> int | None:
+    """Where a series is cut off that takes more than it may: a quarter below that, so that it is not done all the time.
+
+    Args:
+        newest_first: of its rows and blocks the last time and the bytes.
+        most_bytes: that they may take.
+
+    Returns:
+        The newest time that goes; None where nothing does.
+    """
+    used, cut = 0, None
+    for time, size in newest_first:
+        used += size + _ROW_BYTES
+        if cut is None and used > most_bytes * 3 // 4:
+            cut = time
+        if used > most_bytes:
+            return cut
+    return None
 
 
 def over_limit_text(used: int, most: int) -> str:

@@ -19,7 +19,7 @@ from ua_fleet.errors import RemoteWireError, StorageUnavailable
 from ua_fleet.history.blocks import decode_block, decode_value, encode_block, encode_value
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import EARLIEST, LATEST, Row
-from ua_fleet.history.store import node_of, node_text, over_limit_text
+from ua_fleet.history.store import BOUNDED, BOUNDED_PART, cut_of, node_of, node_text, over_limit_text
 from ua_fleet.storage.database import Database, Run, Statement
 from ua_fleet.values import TICKS_PER_SECOND, NodeId
 
@@ -54,6 +54,11 @@ _BLOCKS: Final = (
     "SELECT first FROM block WHERE node = ? AND first <= ? AND last >= ? ORDER BY first DESC",
 )
 """Forward and backward."""
+_SIZES: Final = (
+    "SELECT time, length(value) FROM row WHERE node = ? ORDER BY time DESC",
+    "SELECT last, length(data) FROM block WHERE node = ? ORDER BY first DESC",
+)
+"""Of a node's rows and blocks, the newest first."""
 _ALIVE: Final = "INSERT OR REPLACE INTO meta (name, value) VALUES ('alive', ?)"
 BROKEN: Final = (RemoteWireError, zlib.error, struct.error, ValueError, KeyError, IndexError)
 
@@ -149,6 +154,7 @@ class SqliteHistory:
             self._aged = list(self._ids)
             # Once more those whose compaction has failed; in between there was time for the age of the others.
             self._large = [number for number, count in self._counts.items() if count >= 2 * BLOCK_ROWS]
+            self._cut_bounded(most_bytes // BOUNDED_PART)
             self._remove_most(now, most_bytes)
             self._database.read(f"PRAGMA incremental_vacuum({_FREED_PAGES})")
             return bool(self._aged)
@@ -187,6 +193,14 @@ class SqliteHistory:
             if self._counts.get(number):
                 [(count,)] = self._database.read("SELECT count(*) FROM row WHERE node = ?", (number,))
                 self._counts[number] = count
+
+    def _cut_bounded(self, most_bytes: int) -> None:
+        """Remove the oldest of the series that takes more than its part."""
+        if (number := self._ids.get(BOUNDED)) is None:
+            return
+        sizes = (size for statement in _SIZES for size in self._database.read(statement, (number,)))
+        if (cut := cut_of(sizes, most_bytes)) is not None:
+            self._remove_old({number: cut + 1})
 
     def _remove_most(self, now: int, most_bytes: int) -> None:
         """Remove a twentieth of the time that is kept, again and again, while there is too much."""

@@ -19,7 +19,7 @@ from ua_fleet.errors import UPGRADE, StorageUnavailable, newer_version
 from ua_fleet.history.blocks import decode_block, decode_value, encode_block, encode_value
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import EARLIEST, LATEST, Row
-from ua_fleet.history.store import node_of, node_text, over_limit_text
+from ua_fleet.history.store import BOUNDED, BOUNDED_PART, cut_of, node_of, node_text, over_limit_text
 from ua_fleet.storage.history_store import BLOCK_ROWS, BROKEN, CACHED_BLOCKS
 from ua_fleet.storage.postgres import TENDING_S, Connection, PostgresDatabase
 from ua_fleet.values import TICKS_PER_SECOND, NodeId
@@ -58,6 +58,15 @@ _USED: Final = (
 )
 _PARTITIONS: Final = (
     "SELECT relname FROM pg_inherits JOIN pg_class ON pg_class.oid = inhrelid WHERE inhparent = 'sample'::regclass"
+)
+_SIZES: Final = (
+    "SELECT time, octet_length(value) FROM sample WHERE node = $1"
+    " UNION ALL SELECT last, octet_length(data) FROM block WHERE node = $1 ORDER BY 1 DESC"
+)
+"""Of a node's rows and blocks, the newest first."""
+_PARTITIONS_OF: Final = (
+    "SELECT tableoid::regclass::text FROM sample WHERE node = $1 AND time <= $2"
+    " UNION SELECT tableoid::regclass::text FROM block WHERE node = $1 AND last <= $2"
 )
 _ROWS: Final = (
     "SELECT time, status, value FROM sample WHERE node = $1 AND time BETWEEN $2 AND $3 ORDER BY time LIMIT $4",
@@ -209,6 +218,7 @@ class PostgresHistory:
             if kept:
                 await self._drop_old(connection, now - int(longest * _DAY))
             await self._vacuum(connection)
+            await self._cut_bounded(connection, most_bytes // BOUNDED_PART)
             await self._remove_most(connection, now, most_bytes)
             return bool(self._aged)
         some, self._aged = self._aged[:_SLICE], self._aged[_SLICE:]
@@ -266,6 +276,16 @@ class PostgresHistory:
             size = await connection.fetchval("SELECT pg_total_relation_size($1::text::regclass)", name)
             if size > _SPARE_BYTES + 2 * _ROW_BYTES * live.get(name, 0):
                 await connection.execute(f"VACUUM (FULL) {name}")
+
+    async def _cut_bounded(self, connection: Connection, most_bytes: int) -> None:
+        """Remove the oldest of the series that takes more than its part, and give the space back."""
+        number = self._ids.get(BOUNDED, 0)
+        if (cut := cut_of(await connection.fetch(_SIZES, number), most_bytes)) is None:
+            return
+        touched = await connection.fetch(_PARTITIONS_OF, number, cut)
+        await self._remove_old(connection, {number: cut + 1})
+        for (name,) in touched:
+            await connection.execute(f"VACUUM (FULL) {name}")
 
     async def _remove_most(self, connection: Connection, now: int, most_bytes: int) -> None:
         """Remove the oldest day, again and again, while there is too much; of the last one a part."""

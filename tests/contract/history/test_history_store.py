@@ -33,7 +33,7 @@ KEY, OTHER = NodeId(2, 1001), NodeId(2, "1002.pose.x")
 S = TICKS_PER_SECOND
 DAY = 86_400 * S
 NOW = 134_000_000_000_000_000
-DOUBLE, STRING = 11, 12
+DOUBLE, STRING, BYTES = 11, 12, 15
 HUGE = 2**40
 
 
@@ -188,6 +188,34 @@ def test_the_oldest_goes_when_there_is_too_much(store: HistoryStore) -> None:
     found = all_of(store, KEY)
     assert found == rows[-len(found) :]
     assert len(found) > 1_000
+
+
+def test_audit_events_give_way_before_all_else(store: HistoryStore) -> None:
+    """Strangers make them: they take a quarter of the store at most, and push out nothing else."""
+    random_, values = random.Random(8), numbers(KEY, *range(3_000))
+    store.write(values, NOW)
+    kept = [(AUDIT_EVENTS, row(second, random_.randbytes(1_000), BYTES)) for second in range(3_000, 7_500)]
+    for at in range(0, len(kept), 1_500):
+        store.write(kept[at : at + 1_500], NOW)
+    tend(store, NOW + 8_000 * S)
+    before = store.used_bytes()
+    assert len(all_of(store, AUDIT_EVENTS)) == 4_500
+    tend(store, NOW + 9_000 * S, most_bytes=8_000_000)
+    assert all_of(store, KEY) == [each for _, each in values]
+    found = all_of(store, AUDIT_EVENTS)
+    assert found == [each for _, each in kept[-len(found) :]]
+    # A block goes as a whole, so that a thousand may be gone beyond the quarter that makes room.
+    assert 400 <= len(found) < 2_000
+    assert store.used_bytes() < before - 2_000_000
+    store.write([(AUDIT_EVENTS, row(9_000, b"new", BYTES))], NOW)
+    assert all_of(store, AUDIT_EVENTS) == [*found, row(9_000, b"new", BYTES)]
+
+
+def test_audit_events_within_their_part_stay(store: HistoryStore) -> None:
+    kept = [(AUDIT_EVENTS, row(second, bytes(1_000), BYTES)) for second in range(1_500)]
+    store.write(kept, NOW)
+    tend(store, NOW + 2_000 * S, most_bytes=8_000_000)
+    assert all_of(store, AUDIT_EVENTS) == [each for _, each in kept]
 
 
 def test_blocks_that_span_a_large_part_of_the_time_go_too(store: HistoryStore) -> None:

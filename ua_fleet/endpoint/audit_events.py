@@ -2,7 +2,8 @@
 
 They say live what the audit log keeps: channels, sessions, writes and method calls, done and refused. Other users are
 never told, whatever their monitored items ask for. Refusals have the same allowances as in the log, so that a client
-that is refused without end does not push other events out of an engineer's queue; the log has the sums.
+that is refused without end does not push other events out of an engineer's queue; the log has the sums. What operators
+and engineers change is told in full, and kept in the history within the log's allowance of it.
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -21,7 +22,7 @@ from asyncua import ua
 from asyncua.common.events import Event
 
 from ua_fleet.endpoint.audit import Caller
-from ua_fleet.endpoint.audit.allowance import Allowances
+from ua_fleet.endpoint.audit.allowance import CHANGES, Allowances
 from ua_fleet.endpoint.kept_events import MOST_FIELD_BYTES, MOST_STRANGER_BYTES
 from ua_fleet.endpoint.sessions import Session
 from ua_fleet.endpoint.stack import ObjectIds, StatusCodes, name_of, ns0, shown
@@ -37,7 +38,7 @@ _REFUSED: Final = 500
 _MOST_BYTES: Final = 4_096
 """A value that is larger is null in the event: each engineer's queue would keep it."""
 _MOST_NODE_ID: Final = 200
-_CHANGES: Final = (Role.OPERATOR.value, Role.ENGINEER.value)
+_CHANGERS: Final = (Role.OPERATOR.value, Role.ENGINEER.value)
 
 _CERTIFICATE_TYPES: Final[dict[int, int]] = {
     int(StatusCodes.BadCertificateTimeInvalid): ObjectIds.AuditCertificateExpiredEventType,
@@ -93,7 +94,7 @@ class AuditEvents:
             clock: for the allowances.
         """
         self._subscriptions, self._server_id, self._clock = subscriptions, server_id, clock
-        self._allowances = Allowances()
+        self._allowances, self._kept_changes = Allowances(), Allowances(CHANGES)
 
     @property
     def wanted(self) -> bool:
@@ -230,12 +231,18 @@ class AuditEvents:
         changes: bool = False,
     ) -> None:
         audience = self._subscriptions.audience(_SERVER, _is_engineer)
-        if not audience and not self._is_kept:
-            return
+        keeper = self._subscriptions.keeper if self._is_kept else None
         caller, is_good = who.caller, code == 0
-        is_free = changes and is_good and caller.role in _CHANGES
-        if not is_free and not self._allowances.take(caller, source_name, self._clock()):
+        if not (audience or keeper):
             return
+        if not (changes and is_good and caller.role in _CHANGERS):
+            if not self._allowances.take(caller, source_name, self._clock()):
+                return
+        elif keeper is not None and not self._kept_changes.take(caller, source_name, self._clock()):
+            keeper.left_out += 1
+            keeper = None
+            if not audience:
+                return
         now = datetime.now(UTC)
         by = user or caller.user or caller.client
         what = f"{source_name} of {shown(source)}" if source is not _SERVER else source_name
@@ -261,7 +268,7 @@ class AuditEvents:
         )
         for name, value, kind in (*common, *fields):
             event.add_property(name, value, kind)
-        if (keeper := self._subscriptions.keeper) is not None and keeper.audit:
+        if keeper is not None:
             most_bytes = MOST_STRANGER_BYTES if caller.is_stranger else MOST_FIELD_BYTES
             keeper.keep(event, is_audit=True, most_bytes=most_bytes)
         for subscription in audience:

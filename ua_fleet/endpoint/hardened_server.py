@@ -126,6 +126,13 @@ class HardenedServer(Server):
         registry: Any = self.iserver.subscription_service
         registry.keeper = keeper
 
+    @property
+    def events_left_out(self) -> int:
+        """Events that were told and not kept, since one user had too many of them."""
+        registry: Any = self.iserver.subscription_service
+        keeper: EventKeeper | None = registry.keeper
+        return 0 if keeper is None else keeper.left_out
+
     async def prepare(self, context: EndpointContext, host: str, port: int) -> None:
         """Put our services over asyncua's; `init` has been called."""
         self._context = context

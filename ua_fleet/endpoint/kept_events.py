@@ -52,6 +52,8 @@ class EventKeeper:
             audit: whether AuditEvents are kept.
         """
         self._record, self._misfit, self.audit = record, misfit, audit
+        self.left_out = 0
+        """AuditEvents of changes that were not kept since their maker had too many; the audit log sums them up."""
 
     def keep(self, event: Any, *, is_audit: bool = False, most_bytes: int = MOST_FIELD_BYTES) -> None:
         """Keep an event, with its fields of at most so many bytes; clients are told of it in any case."""

@@ -68,11 +68,16 @@ class Backlog:
         """Bytes of all rows that the store has not taken yet."""
         return self._waiting_bytes + self._given.size
 
-    def add(self, kept: Sequence[Kept]) -> None:
-        """Add rows, as far as there is room; before the first one of a node that has lost some comes the mark of it."""
+    def add(self, kept: Sequence[Kept], *, gives_way: bool = False) -> None:
+        """Add rows, as far as there is room; before the first one of a node that has lost some comes the mark of it.
+
+        Args:
+            kept: the rows.
+            gives_way: whether they are to leave half of the room to others.
+        """
         for key, row in kept:
             size = row_bytes(row)
-            if (cause := self._full(size)) is not None:
+            if (cause := self._full(size, 2 if gives_way else 1)) is not None:
                 self.lost[cause] += 1
                 self._lost_since.setdefault(key, row.time)
                 continue
@@ -127,11 +132,11 @@ class Backlog:
         for key in list(self._lost_since):
             self._mark(key)
 
-    def _full(self, size: int) -> Full | None:
-        """Why a row of so many bytes has no room."""
-        if self.untaken >= self._most:
+    def _full(self, size: int, part: int) -> Full | None:
+        """Why a row of so many bytes has no room in such a part of it."""
+        if self.untaken * part >= self._most:
             return Full.ROWS
-        return Full.BYTES if self.size + size > self._most_bytes else None
+        return Full.BYTES if (self.size + size) * part > self._most_bytes else None
 
     def _mark(self, key: NodeId) -> None:
         self._append(key, Row(self._lost_since.pop(key), BAD_DATA_LOST, 0, None), _ROW_BYTES)

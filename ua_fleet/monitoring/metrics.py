@@ -209,7 +209,8 @@ HISTORY_ROWS = _metric(
     "history_values_total",
     _C,
     _SERVER,
-    "Values for the history: stored, or lost since too many, or too large ones, waited for the store.",
+    "Values and events for the history: stored, lost since too many or too large ones waited, or left out (changes by"
+    " one user).",
     "what",
 )
 HISTORY_WAITING = _metric("history_values_waiting", _G, _SERVER, "Values that wait for the store of the history.")

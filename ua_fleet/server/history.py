@@ -177,7 +177,7 @@ class HistoryService:
 
     def record_event(self, time: int, data: bytes, *, is_audit: bool) -> None:
         """Keep an event that `encode_event` has made; its Time in ticks."""
-        self._add(self._events.take(time, data, self._wall(), is_audit=is_audit))
+        self._add(self._events.take(time, data, self._wall(), is_audit=is_audit), gives_way=is_audit)
 
     def forget(self, keys: Iterable[NodeId]) -> None:
         """These nodes are gone; what is stored of them stays for as long as it was to."""
@@ -213,9 +213,9 @@ class HistoryService:
             return self._next_write
         return max(self._next_write, min(self._next_tend, self._next_write + ALIVE_S))
 
-    def _add(self, kept: list[Kept]) -> None:
+    def _add(self, kept: list[Kept], *, gives_way: bool = False) -> None:
         was_empty = not len(self._backlog)
-        self._backlog.add(kept)
+        self._backlog.add(kept, gives_way=gives_way)
         if was_empty:
             self.sooner()
 

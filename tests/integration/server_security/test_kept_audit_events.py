@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 import pytest_asyncio
 
-from tests.integration.server_security.harness import Door, Identities, bad, door, ua
+from tests.integration.server_security.harness import Door, Identities, bad, door, send, ua
+from tests.integration.server_security.test_audit_events import listen
 from tests.waiting import until
+from ua_fleet.endpoint.audit.allowance import CHANGES
 from ua_fleet.endpoint.kept_events import EventKeeper, PastEvent
 from ua_fleet.history.events import KeptEvent
 
@@ -65,3 +67,23 @@ async def test_what_a_user_does_is_kept_whole(own: Door) -> None:
     [written] = kept.of("AuditWriteUpdateEventType")
     found: Any = written.variant("NewValue").Value
     assert found == "x" * 3_000
+
+
+async def test_a_loop_of_writes_is_told_and_not_kept_without_end(own: Door) -> None:
+    kept = Kept(own)
+    async with own.connected("oscar") as client, own.connected("eva") as engineer:
+        request = ua.WriteRequest()
+        value = ua.DataValue(ua.Variant(0.5, ua.VariantType.Double))
+        one = ua.WriteValue(own.nodes.value, ua.AttributeIds.Value, None, value)
+        for _ in range(5):
+            request.Parameters.NodesToWrite = [one] * 1_000
+            await send(client, request, ua.WriteResponse)
+        written = kept.of("AuditWriteUpdateEventType")
+        assert CHANGES.at_once <= len(written) < CHANGES.at_once + 600
+        assert len(written) + own.server.events_left_out == 5_000
+        # Who listens is told all the same, and another user has an allowance of their own.
+        told = await listen(engineer)
+        await client.get_node(own.nodes.value).write_value(7.5)
+        assert (await told.first("AuditWriteUpdateEventType")).NewValue == 7.5
+        await engineer.get_node(own.nodes.value).write_value(8.5)
+        assert kept.of("AuditWriteUpdateEventType")[-1].variant("NewValue").Value == 8.5

@@ -26,6 +26,18 @@ def test_large_values_are_bounded_by_their_bytes() -> None:
     assert backlog.size == 3 * row_bytes(text(1, 10_000))
 
 
+def test_rows_that_give_way_leave_half_of_the_room() -> None:
+    backlog = Backlog(4, 100_000)
+    backlog.add([(OTHER, text(time, 1)) for time in range(1, 5)], gives_way=True)
+    backlog.add([(KEY, text(time, 1)) for time in range(1, 3)])
+    assert backlog.take().rows == [(OTHER, text(1, 1)), (OTHER, text(2, 1)), (KEY, text(1, 1)), (KEY, text(2, 1))]
+    assert backlog.lost == {Full.ROWS: 2}
+    backlog = Backlog(100, 4 * row_bytes(text(1, 100)))
+    for gives_way in (True, False):
+        backlog.add([(NodeId(2, gives_way), text(time, 100)) for time in range(4)], gives_way=gives_way)
+    assert (len(backlog), backlog.lost) == (4, {Full.BYTES: 4})
+
+
 def test_what_the_store_has_been_given_counts_until_it_has_it() -> None:
     backlog = Backlog(2, 10_000)
     backlog.add([(KEY, text(1, 1)), (KEY, text(2, 1))])

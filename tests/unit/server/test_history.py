@@ -179,6 +179,20 @@ async def test_while_the_store_is_away_values_wait_and_what_is_too_much_is_marke
     assert (rows[3].status, rows[3].time) == (BAD_DATA_LOST, 104 * S)
 
 
+async def test_audit_events_leave_room_for_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shell, "MOST_WAITING", 4)
+    store, clock = Store(), Clock()
+    store.is_away = True
+    async with service(store, clock) as history:
+        for number in range(10):
+            history.record_event(100 * S + number, b"event", is_audit=True)
+        give(history, clock, 1.0, 2.0)
+        assert (history.waiting, history.lost[Full.ROWS]) == (4, 8)
+        store.is_away = False
+        await polled(history, clock, lambda: history.stored >= 4)
+    assert [row.value for key, row in store.rows if key == SPEED] == [1.0, 2.0]
+
+
 async def test_what_is_lost_just_before_the_end_is_marked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shell, "MOST_WAITING", 1)
     store, clock = Store(), Clock()

@@ -2,7 +2,8 @@
 
 An event is a row like a value: its fields are encoded once, when it happens, and clients get these bytes. There are two
 series, since AuditEvents are for engineers alone. A row's time is the event's Time, or as much later as the rows of the
-series have to have different times; where the server's clock was set back, events stand behind those that are there.
+series have to have different times. It is never later than the server's clock: one bridge whose clock is fast would
+move the events of all others. Where the server's clock was set back, events stand behind those that are there.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Final, NamedTuple
 
+from ua_fleet.errors import StorageUnavailable
 from ua_fleet.history.raw import RawRead
-from ua_fleet.history.recorder import MOST_AHEAD, Kept
+from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import BAD_DATA_LOST, EARLIEST, LATEST, Row, Series
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, NodeId
 
@@ -35,7 +37,7 @@ EVENTS: Final = NodeId(0, 2253)
 AUDIT_EVENTS: Final = NodeId(0, 2052)
 """The series of AuditEvents, named after their type."""
 MOST_LATER: Final = TICKS_PER_SECOND
-"""How much later than the event's Time a row may stand, and yet be found by that Time."""
+"""How much later or earlier than the event's Time a row may stand, and yet be found by that Time."""
 _CHUNK: Final = 200
 """Rows that are read from the store at once."""
 _HEAD: Final = struct.Struct("<BqHH")
@@ -108,15 +110,14 @@ class EventRecorder:
         """The rows of an event of such a Time."""
         key = AUDIT_EVENTS if is_audit else EVENTS
         last = self._last.get(key, -1)
-        at = max(time if time <= wall + MOST_AHEAD else wall, last + 1)
-        self._last[key] = at
-        kept = [(key, Row(at, 0, int(BuiltinType.BYTE_STRING), data))]
+        at = max(min(time, wall), last + 1)
+        kept: list[Kept] = []
         if key == EVENTS and self._gap:
             self._gap = False
-            marked = max(last + 1, self._stopped_at)
-            if marked < at:
-                kept.insert(0, (key, Row(marked, BAD_DATA_LOST, 0, None)))
-        return kept
+            marked = max(last + 1, min(self._stopped_at, at - 1))
+            kept, at = [(key, Row(marked, BAD_DATA_LOST, 0, None))], max(at, marked + 1)
+        self._last[key] = at
+        return [*kept, (key, Row(at, 0, int(BuiltinType.BYTE_STRING), data))]
 
     def put_behind(self, stored: Mapping[NodeId, int], waiting: Mapping[NodeId, int]) -> None:
         """Go on behind what a store has that was not known so far, and behind what waits for it."""
@@ -204,18 +205,25 @@ def _extent(read: RawRead) -> tuple[int, int]:
 
 
 def _found_at(row: Row) -> int:
-    """The time by which an event is found: its Time, where the row stands there but for a moment."""
+    """The time by which an event is found: its Time, where the row stands there but for a moment.
+
+    Raises:
+        StorageUnavailable: the row is broken.
+    """
     if row.value is None:
         return row.time
-    time: int = _HEAD.unpack_from(row.value)[1]
-    return time if 0 <= row.time - time <= MOST_LATER else row.time
+    try:
+        time: int = _HEAD.unpack_from(row.value)[1]
+    except (struct.error, TypeError) as error:
+        raise StorageUnavailable(f"an event of the history is broken ({error})") from error
+    return time if abs(row.time - time) <= MOST_LATER else row.time
 
 
 def _rows(
     series: Series, low: int, high: int, at: EventPosition | None, *, backward: bool
 ) -> Iterator[tuple[Row, EventPosition]]:
     """The rows that may belong to such times, each with its position."""
-    first, last = low, min(high + MOST_LATER, LATEST)
+    first, last = max(low - MOST_LATER, EARLIEST), min(high + MOST_LATER, LATEST)
     skipped = 0
     if at is not None:
         first, last = (first, at.time) if backward else (at.time, last)

@@ -7,6 +7,7 @@ import struct
 
 import pytest
 
+from ua_fleet.errors import StorageUnavailable
 from ua_fleet.history.events import (
     AUDIT_EVENTS,
     EVENTS,
@@ -101,6 +102,36 @@ def test_a_clock_that_is_set_back_does_not_change_the_order() -> None:
 def test_a_time_in_the_future_is_not_believed() -> None:
     [(_, row)] = EventRecorder().take(NOW + 10**6 * S, event(NOW), NOW)
     assert row.time == NOW
+
+
+def test_a_clock_that_is_ahead_moves_its_own_event_alone() -> None:
+    recorder = EventRecorder()
+    made = [(NOW + 30 * S, NOW), (NOW + S // 2, NOW + S // 4), *((NOW + n * S, NOW + n * S) for n in range(1, 20))]
+    rows = [row for time, wall in made for _, row in recorder.take(time, event(time), wall)]
+    assert [row.time for row in rows] == [NOW, NOW + S // 4, *(NOW + n * S for n in range(1, 20))]
+    series = ListSeries(rows)
+    assert read(series, between(NOW + 5 * S, NOW + 8 * S)) == [NOW + n * S for n in (5, 6, 7)]
+    assert read(series, between(NOW, NOW + 1)) == [NOW + 30 * S]
+    # Clocks never agree wholly: what is ahead by less than a second is found by its Time.
+    for wanted in (between(NOW + S // 2, NOW + S), between(NOW + S - 1, NOW + S // 2 - 1)):
+        assert read(series, wanted) == [NOW + S // 2]
+
+
+@pytest.mark.parametrize(("last", "stopped_at"), [(NOW + 10 * S, NOW + 5 * S), (NOW - S, NOW + 5 * S), (NOW - 1, 0)])
+def test_a_restart_is_marked_whatever_the_clock_says(last: int, stopped_at: int) -> None:
+    """The server's clock was set back, or the event is older than the end of the last process, or follows at once."""
+    recorder = EventRecorder({EVENTS: last}, stopped_at)
+    [(_, mark), (_, row)] = recorder.take(NOW, event(NOW), NOW)
+    assert (mark.status, mark.value) == (BAD_DATA_LOST, None)
+    assert last < mark.time < row.time
+    assert len(recorder.take(NOW, event(NOW), NOW)) == 1
+
+
+@pytest.mark.parametrize("value", [b"", b"\x01\x00\x00", "text", 5.0])
+def test_a_row_that_is_no_event_is_told_as_a_broken_store(value: object) -> None:
+    series = ListSeries([Row(NOW, 0, 15, value)])
+    with pytest.raises(StorageUnavailable, match="an event of the history is broken"):
+        read(series, between(NOW, NOW + S))
 
 
 def test_a_restart_is_marked_once() -> None:

@@ -119,8 +119,13 @@ class EventRecorder:
         self._last[key] = at
         return [*kept, (key, Row(at, 0, int(BuiltinType.BYTE_STRING), data))]
 
-    def put_behind(self, stored: Mapping[NodeId, int], waiting: Mapping[NodeId, int]) -> None:
-        """Go on behind what a store has that was not known so far, and behind what waits for it."""
+    def put_behind(self, stored: Mapping[NodeId, int], stopped_at: int, waiting: Mapping[NodeId, int]) -> None:
+        """Go on behind what a store has that was not known so far; as `Recorder.put_behind`.
+
+        What waits has the mark of the gap already; where nothing does, the next event has it.
+        """
+        self._stopped_at = stopped_at
+        self._gap = EVENTS in stored and EVENTS not in waiting
         for key in (EVENTS, AUDIT_EVENTS):
             last = max(times.get(key, -1) for times in (self._last, stored, waiting))
             if last >= 0:

@@ -242,7 +242,7 @@ class HistoryService:
                 stored, stopped_at = self._opened.last_times(), self._opened.stopped_at
                 waiting = self._backlog.put_behind(stored, stopped_at, self._started_at)
                 self._recorder.put_behind(stored, stopped_at, waiting)
-                self._events.put_behind(stored, waiting)
+                self._events.put_behind(stored, stopped_at, waiting)
                 self._has_worked()
             self.sooner()
 

@@ -140,11 +140,22 @@ def test_a_restart_is_marked_once() -> None:
     assert (key, mark) == (EVENTS, Row(NOW + 5, BAD_DATA_LOST, 0, None))
     assert row.time == NOW + S
     assert [len(recorder.take(NOW + 2 * S, b"", NOW + 2 * S, is_audit=audit)) for audit in (False, True)] == [1, 1]
-    # A store that is new, and one that became known later, have no gap of ours.
+    # A store that is new has no gap.
+    assert len(EventRecorder().take(NOW, event(NOW), NOW)) == 1
+
+
+def test_a_restart_is_marked_where_the_store_became_known_later() -> None:
     recorder = EventRecorder()
-    recorder.put_behind({EVENTS: NOW + S}, {})
-    [(_, row)] = recorder.take(NOW, event(NOW), NOW)
-    assert row.time == NOW + S + 1
+    recorder.put_behind({EVENTS: NOW, AUDIT_EVENTS: NOW}, NOW + 5, {})
+    assert len(recorder.take(NOW + S, event(NOW), NOW + S, is_audit=True)) == 1
+    [(_, mark), (_, row)] = recorder.take(NOW + S, event(NOW + S), NOW + S)
+    assert (mark, row.time) == (Row(NOW + 5, BAD_DATA_LOST, 0, None), NOW + S)
+    # What waits for it has the mark before it, which the backlog has put there; a new store has no gap.
+    for stored, waiting, after in (({EVENTS: NOW}, {EVENTS: NOW + 9}, NOW + 10), ({}, {}, NOW)):
+        recorder = EventRecorder()
+        recorder.put_behind(stored, NOW + 5, waiting)
+        [(_, row)] = recorder.take(NOW, event(NOW), NOW)
+        assert row.time == after
 
 
 def test_each_page_is_where_the_one_before_ends() -> None:

@@ -18,11 +18,12 @@ from ua_fleet.config.nodes import fleet_model
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.history.backlog import Full
+from ua_fleet.history.events import EVENTS
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import BAD_DATA_LOST, EARLIEST, LATEST, ListSeries, Series
 from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.server import history as shell
-from ua_fleet.server.history import HistoryService
+from ua_fleet.server.history import HistoryService, Opening
 from ua_fleet.values import TICKS_PER_SECOND, NodeId
 
 S = TICKS_PER_SECOND
@@ -81,7 +82,7 @@ class Clock:
 
 
 @asynccontextmanager
-async def service(store: Store, clock: Clock) -> AsyncGenerator[HistoryService]:
+async def service(store: Store | Opening, clock: Clock) -> AsyncGenerator[HistoryService]:
     config = config_of({})
     rules = HistoryRules(config)
     for robot in fleet_model(config).robots:
@@ -191,6 +192,30 @@ async def test_audit_events_leave_room_for_values(monkeypatch: pytest.MonkeyPatc
         store.is_away = False
         await polled(history, clock, lambda: history.stored >= 4)
     assert [row.value for key, row in store.rows if key == SPEED] == [1.0, 2.0]
+
+
+class Older(Store):
+    """One with events of a process that ended at 60 s."""
+
+    stopped_at = 60 * S
+
+    def last_times(self) -> Mapping[NodeId, int]:
+        return {EVENTS: 50 * S}
+
+
+@pytest.mark.parametrize("waits", [False, True])
+async def test_events_behind_a_store_that_was_away_at_the_start_have_one_mark(waits: bool) -> None:
+    store, clock = Older(), Clock()
+    async with service(Opening(lambda: store, "it is away"), clock) as history:
+        if waits:
+            history.record_event(clock(), b"waits", is_audit=False)
+        await polled(history, clock, lambda: history.is_stored and not history.waiting)
+        clock.second += 1
+        for number in range(2):
+            history.record_event(clock() + number, b"event", is_audit=False)
+    rows = [row for key, row in store.rows if key == EVENTS]
+    assert [row.value for row in rows] == [None, *([b"waits"] if waits else []), b"event", b"event"]
+    assert (rows[0].status, rows[0].time) == (BAD_DATA_LOST, 60 * S)
 
 
 async def test_what_is_lost_just_before_the_end_is_marked(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import struct
+from functools import cached_property
 from typing import Final
 
 from asyncua import ua
@@ -22,18 +23,21 @@ from ua_fleet.endpoint.node_builder import HISTORY_READ
 from ua_fleet.endpoint.stack import DECODE_ERRORS, AttributeIds, Refusal, StatusCodes, status
 from ua_fleet.endpoint.users import Role, User
 from ua_fleet.errors import StorageUnavailable
-from ua_fleet.history.events import EventPage, EventPosition, read_events
+from ua_fleet.history.events import EventPage, EventPosition, first_position, read_events
 from ua_fleet.history.raw import RawRead
 from ua_fleet.history.rows import Row, Series
 
-__all__ = ["HISTORY_EVENT", "EventHistory"]
+__all__ = ["HISTORY_EVENT", "EventHistory", "EventRequest"]
 
 HISTORY_EVENT: Final = 661
 """NodeId of the binary encoding of HistoryEvent."""
 _STEPS: Final = 100_000
-"""Of a filter for one page, of some microseconds each: a page of a filter that few events pass ends after them."""
+"""Of a filter for one request, of some microseconds each: a page of a filter that few events pass ends after them, and
+so do the pages of a request that names its node ten thousand times."""
 _ROW_STEPS: Final = 10
 """Of a row, whatever the filter."""
+_LOOK_STEPS: Final = 2_000
+"""Of a look into the store at least: it reads some hundred rows."""
 _NULL: Final = b"\x00"
 _BROKEN: Final = (*DECODE_ERRORS, struct.error, ValueError)
 
@@ -43,33 +47,56 @@ class EventHistory:
 
     def __init__(self, context: EndpointContext) -> None:
         self._context = context
-        self._aspace: AddressSpace = context.iserver.aspace
-        self._declared = EventFields(self._aspace)
+        self._declared = EventFields(context.iserver.aspace)
 
-    async def read(
-        self, user: User, node: ua.HistoryReadValueId, details: ua.ReadEventDetails, *, room: int, whole: int
-    ) -> tuple[bytes, int, bytes]:
-        """HistoryEvent, the number of its events, and the continuation point; raises Refusal.
+    def request(self, user: User, details: ua.ReadEventDetails) -> EventRequest:
+        """Begin a request.
 
         Args:
             user: who asks. AuditEvents are for engineers.
+            details: which events, of each node.
+        """
+        return EventRequest(self._context, self._declared, user, details)
+
+
+class EventRequest:
+    """One request. Its operations share the filter, which is checked once, and the steps that are left."""
+
+    def __init__(
+        self, context: EndpointContext, declared: EventFields, user: User, details: ua.ReadEventDetails
+    ) -> None:
+        self._context, self._declared, self._user, self._details = context, declared, user, details
+        self._aspace: AddressSpace = context.iserver.aspace
+        self._steps = _STEPS
+
+    @cached_property
+    def _filter(self) -> tuple[EventFilter, bytes] | str:
+        """The filter, and its bytes; or why it is refused."""
+        wanted = self._details.Filter
+        if not isinstance(wanted, ua.EventFilter) or not wanted.SelectClauses:
+            return "it selects no field"
+        try:
+            chosen = check_event_filter(self._aspace, wanted, self._context.limits.filter_elements, self._declared)
+        except Refusal as error:
+            return str(error)
+        return chosen, encode(wanted)
+
+    async def read(self, node: ua.HistoryReadValueId, *, room: int, whole: int) -> tuple[bytes, int, bytes]:
+        """HistoryEvent, the number of its events, and the continuation point; raises Refusal.
+
+        Args:
             node: a notifier.
-            details: which events.
             room: bytes that they may take.
             whole: bytes that they might take in an answer of their own.
         """
         history = self._history_of(node.NodeId)
         if node.IndexRange:
             raise Refusal(StatusCodes.BadHistoryOperationUnsupported)
-        wanted = details.Filter
-        if not isinstance(wanted, ua.EventFilter) or not wanted.SelectClauses:
-            raise Refusal(StatusCodes.BadEventFilterInvalid, "it selects no field")
-        try:
-            chosen = check_event_filter(self._aspace, wanted, self._context.limits.filter_elements, self._declared)
-        except Refusal as error:
-            raise Refusal(StatusCodes.BadEventFilterInvalid, str(error)) from error
-        points, name, filter_data = history.continuations, node.NodeId.to_string(), encode(wanted)
-        read, at = _read_of(details), None
+        if isinstance(self._filter, str):
+            raise Refusal(StatusCodes.BadEventFilterInvalid, self._filter)
+        chosen, filter_data = self._filter
+        points, name = history.continuations, node.NodeId.to_string()
+        read, at = _read_of(self._details), None
         if node.ContinuationPoint:
             found = points.read_events(name, filter_data, bytes(node.ContinuationPoint))
             if found is None:
@@ -78,10 +105,17 @@ class EventHistory:
         elif not read.is_valid:
             raise Refusal(StatusCodes.BadHistoryOperationInvalid)
 
-        def look(series: Series) -> EventPage:
-            return self._page(series, read, at, chosen, room=room - 4, whole=whole - 4)
+        cost = _ROW_STEPS + chosen.cost
+        most_rows = self._steps // cost
 
-        page = await history.look_at_events(look, audit=user.role.covers(Role.ENGINEER))
+        def look(series: Series) -> EventPage:
+            return _page(series, read, at, chosen, room=room - 4, whole=whole - 4, most_rows=most_rows)
+
+        if most_rows > 0:
+            page = await history.look_at_events(look, audit=self._user.role.covers(Role.ENGINEER))
+            self._steps -= max(page.looked * cost, _LOOK_STEPS)
+        else:
+            page = EventPage([], at or first_position(read), 0)
         data = len(page.events).to_bytes(4, "little") + b"".join(page.events)
         point = b"" if page.rest is None else points.of_events(name, read, filter_data, page.rest)
         return data, len(page.events), point
@@ -96,18 +130,25 @@ class EventHistory:
             raise Refusal(StatusCodes.BadHistoryOperationUnsupported)
         return history
 
-    def _page(
-        self, series: Series, read: RawRead, at: EventPosition | None, wanted: EventFilter, *, room: int, whole: int
-    ) -> EventPage:
-        def chosen(row: Row) -> bytes | None:
-            try:
-                event = past_event(row)
-                return _fields(event, wanted.select, whole) if wanted.passes(event) else None
-            except _BROKEN as error:
-                raise StorageUnavailable(f"an event of the history is broken ({error})") from error
 
-        most_rows = _STEPS // (_ROW_STEPS + wanted.cost)
-        return read_events(series, read, at, chosen, most=MOST_EVENTS, room=room, most_rows=most_rows)
+def _page(
+    series: Series,
+    read: RawRead,
+    at: EventPosition | None,
+    wanted: EventFilter,
+    *,
+    room: int,
+    whole: int,
+    most_rows: int,
+) -> EventPage:
+    def chosen(row: Row) -> bytes | None:
+        try:
+            event = past_event(row)
+            return _fields(event, wanted.select, whole) if wanted.passes(event) else None
+        except _BROKEN as error:
+            raise StorageUnavailable(f"an event of the history is broken ({error})") from error
+
+    return read_events(series, read, at, chosen, most=MOST_EVENTS, room=room, most_rows=most_rows)
 
 
 def _may_read(notifier: ua.Variant | None) -> bool:

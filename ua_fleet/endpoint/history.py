@@ -19,7 +19,7 @@ from ua_fleet.endpoint.answers import ArrayResponse
 from ua_fleet.endpoint.attributes import access_level
 from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.convert import ticks_of
-from ua_fleet.endpoint.event_history import HISTORY_EVENT, EventHistory
+from ua_fleet.endpoint.event_history import HISTORY_EVENT, EventHistory, EventRequest
 from ua_fleet.endpoint.history_source import MOST_RETURNED, HistorySource
 from ua_fleet.endpoint.live import check_reader
 from ua_fleet.endpoint.node_builder import HISTORY_READ
@@ -88,14 +88,15 @@ class HistoryServices:
             raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
         whole = request.session.room_for_one(self._limits.response_bytes)
         answer = ArrayResponse(ua.HistoryReadResponse, whole)
+        events = self._events.request(request.user, details) if of_events else None
         for number, node in enumerate(nodes):
             if params.ReleaseContinuationPoints:
                 answer.add_small(_refused(0))  # nothing is kept for them
                 continue
             code = 0
             try:
-                if of_events:
-                    answer.add_bytes(await self._event_result(request, node, details, answer.left, whole))
+                if events is not None:
+                    answer.add_bytes(await _event_result(events, node, answer.left, whole))
                 else:
                     operation = self._wanted(request, node, answer.left, whole)
                     answer.add_bytes(_result(await self._read_of(details, number, nodes, wanted)(operation)))
@@ -110,15 +111,6 @@ class HistoryServices:
                 answer.add_small(_refused(code))
             await request.turns.end(answer.size)
         return answer
-
-    async def _event_result(
-        self, request: ServiceRequest, node: ua.HistoryReadValueId, details: Any, room: int, whole: int
-    ) -> bytes:
-        """The result of a ReadEvents; raises Refusal."""
-        _check_room(node, room)
-        room, whole = room - _RESULT_BYTES, whole - _RESULT_BYTES
-        data = await self._events.read(request.user, node, details, room=room, whole=whole)
-        return _result(_Data(*data), _EVENT_TYPE)
 
     def _wanted(self, request: ServiceRequest, node: ua.HistoryReadValueId, room: int, whole: int) -> _Wanted:
         """An operation that the user may do; raises Refusal.
@@ -229,6 +221,13 @@ class HistoryServices:
             return _Data(data, count, b"" if rest is None else points.of_processed(wanted.name, read, rest))
 
         return await self._history.look(wanted.key, look)
+
+
+async def _event_result(events: EventRequest, node: ua.HistoryReadValueId, room: int, whole: int) -> bytes:
+    """The result of a ReadEvents; raises Refusal."""
+    _check_room(node, room)
+    data = await events.read(node, room=room - _RESULT_BYTES, whole=whole - _RESULT_BYTES)
+    return _result(_Data(*data), _EVENT_TYPE)
 
 
 def _check_room(node: ua.HistoryReadValueId, room: int) -> None:

@@ -29,6 +29,7 @@ __all__ = [
     "KeptEvent",
     "MergedSeries",
     "encode_event",
+    "first_position",
     "read_events",
 ]
 
@@ -161,6 +162,8 @@ class EventPage(NamedTuple):
     """What `chosen` made of each."""
     rest: EventPosition | None
     """Where the next part begins."""
+    looked: int
+    """Rows that were looked at."""
 
 
 def read_events(
@@ -187,16 +190,24 @@ def read_events(
     most = min(most, read.most) if read.most else most
     low, high = _extent(read)
     events: list[bytes] = []
-    for number, (row, position) in enumerate(_rows(series, low, high, at, backward=read.backward)):
-        if number == most_rows:
-            return EventPage(events, position)
+    looked = 0
+    for row, position in _rows(series, low, high, at, backward=read.backward):
+        if looked == most_rows:
+            return EventPage(events, position, looked)
+        looked += 1
         if not low <= _found_at(row) <= high or (event := chosen(row)) is None:
             continue
         room -= len(event)
         if len(events) == most or room < 0:
-            return EventPage(events, position)
+            return EventPage(events, position, looked)
         events.append(event)
-    return EventPage(events, None)
+    return EventPage(events, None, looked)
+
+
+def first_position(read: RawRead) -> EventPosition:
+    """Where a request begins."""
+    first, last = _span(*_extent(read))
+    return EventPosition(last if read.backward else first)
 
 
 def _extent(read: RawRead) -> tuple[int, int]:
@@ -207,6 +218,11 @@ def _extent(read: RawRead) -> tuple[int, int]:
     if stop == begin:
         return begin, begin
     return (stop + 1, begin) if read.backward else (begin, stop - 1)
+
+
+def _span(low: int, high: int) -> tuple[int, int]:
+    """The first and the last time of rows that may belong to such times."""
+    return max(low - MOST_LATER, EARLIEST), min(high + MOST_LATER, LATEST)
 
 
 def _found_at(row: Row) -> int:
@@ -228,7 +244,7 @@ def _rows(
     series: Series, low: int, high: int, at: EventPosition | None, *, backward: bool
 ) -> Iterator[tuple[Row, EventPosition]]:
     """The rows that may belong to such times, each with its position."""
-    first, last = max(low - MOST_LATER, EARLIEST), min(high + MOST_LATER, LATEST)
+    first, last = _span(low, high)
     skipped = 0
     if at is not None:
         first, last = (first, at.time) if backward else (at.time, last)

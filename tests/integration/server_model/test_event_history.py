@@ -260,6 +260,35 @@ async def test_a_small_answer_has_few_events_and_goes_on(udp_url: str, tcp_port:
         assert {field_.Text for field_ in many[1]} == {"event 1"}
 
 
+async def test_the_nodes_of_a_request_share_its_work(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
+    """A node that is named again and again costs no more than once; what is left out has a continuation point."""
+    begin = datetime(2026, 3, 1, tzinfo=UTC)
+    stored(tmp_path, *[begin + timedelta(milliseconds=number) for number in range(2_500)])
+    config = fleet_config(udp_url, tcp_port, robots=robots(), history={"events": {"days": 36_500, "audit": False}})
+    async with serving(tmp_path, config) as running, running.client(OBSERVER) as client:
+        for start, end in (
+            (begin, begin + timedelta(days=1)),
+            (begin + timedelta(days=1), begin - timedelta(seconds=1)),
+        ):
+            details = reading(start, end, evfilter=selecting("Message"))
+            results = await ask(client, details, *[SERVER] * 40)
+            assert all(result.StatusCode.name == "Good" and result.ContinuationPoint for result in results)
+            counts = [len(result.HistoryData.Events) for result in results]
+            assert counts[:5] == [1_000] * 5
+            assert sum(counts) <= 10_000
+            assert counts[-1] == 0
+            found, point = list[str](), results[-1].ContinuationPoint
+            while point:
+                [page] = await ask(client, details, SERVER, point=point)
+                found += [event.EventFields[0].Value.Text for event in page.HistoryData.Events]
+                point = page.ContinuationPoint
+            assert found == [f"event {number}" for number in range(2_500)][:: 1 if start < end else -1]
+        # A look costs something even where it finds nothing.
+        nothing = reading(LONG_AGO, LONG_AGO + timedelta(days=1), evfilter=selecting("Message"))
+        names = [result.StatusCode.name for result in await ask(client, nothing, *[SERVER] * 200)]
+        assert names == ["GoodNoData"] * 50 + ["Good"] * 150
+
+
 async def test_bad_requests(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
     config = fleet_config(udp_url, tcp_port, robots=robots(), history={})
     good = reading()

@@ -48,6 +48,7 @@ async def test_advertised_limits_are_the_real_ones(small: Door) -> None:
         "OperationLimits_MaxNodesPerTranslateBrowsePathsToNodeIds": 20,
         "OperationLimits_MaxMonitoredItemsPerCall": 20,
         "OperationLimits_MaxNodesPerHistoryReadData": 20,
+        "OperationLimits_MaxNodesPerHistoryReadEvents": 20,
     }
     async with small.connected("olga") as client:
         for name, value in expected.items():

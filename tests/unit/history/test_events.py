@@ -17,6 +17,7 @@ from ua_fleet.history.events import (
     KeptEvent,
     MergedSeries,
     encode_event,
+    first_position,
     read_events,
 )
 from ua_fleet.history.raw import RawRead
@@ -190,11 +191,22 @@ def test_work_and_bytes_of_a_page_are_bounded() -> None:
     series = ListSeries(rows_of(*range(NOW, NOW + 1_000)))
     wanted = between(NOW, NOW + 1_000)
     page = read_events(series, wanted, None, lambda row: None, most=MANY, room=MANY, most_rows=300)
-    assert (page.events, page.rest) == ([], EventPosition(NOW + 300))
+    assert (page.events, page.rest, page.looked) == ([], EventPosition(NOW + 300), 300)
     page = read_events(series, wanted, page.rest, lambda row: None, most=MANY, room=MANY, most_rows=700)
-    assert (page.events, page.rest) == ([], None)
+    assert (page.events, page.rest, page.looked) == ([], None, 700)
     page = read_events(series, wanted, None, told, most=MANY, room=8 * 3 + 7, most_rows=MANY)
     assert (times(page.events), page.rest) == ([NOW, NOW + 1, NOW + 2], EventPosition(NOW + 3))
+
+
+@pytest.mark.parametrize("backward", [False, True])
+def test_a_request_can_begin_at_its_first_position(backward: bool) -> None:
+    series = ListSeries(rows_of(*[NOW + 7] * 5, *range(NOW + 10, NOW + 30), NOW + 2 * S))
+    wanted = between(NOW + 20, NOW + 6) if backward else between(NOW + 6, NOW + 20)
+    found = read(series, wanted)
+    assert len(found) == 15 + backward  # the end is excluded
+    assert read(series, wanted, first_position(wanted)) == found
+    for alone in (between(NOW + 7, None, 3), between(None, NOW + 12, 3), between(NOW + 7, NOW + 7)):
+        assert read(series, alone, first_position(alone)) == read(series, alone)
 
 
 def test_marks_of_gaps_are_rows_like_others() -> None:

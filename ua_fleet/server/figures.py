@@ -98,8 +98,8 @@ class ServerFigures:
         yield from self._work()
         yield from self._clients()
         if (history := self._history) is not None:
-            rows = {"stored": history.stored, "left_out": self._server.events_left_out, **history.lost}
-            yield metrics.HISTORY_ROWS.many([((str(what),), count) for what, count in rows.items()])
+            rows = [("stored", history.stored), ("left_out", self._server.events_left_out), *history.lost.items()]
+            yield metrics.HISTORY_ROWS.many([((str(what),), count) for what, count in rows])
             yield metrics.HISTORY_WAITING.one(history.waiting)
             yield metrics.HISTORY_UP.one(history.is_stored)
 

@@ -94,6 +94,8 @@ class Diagnostics:
         self._waiting: dict[str, Session] = {}
         """Sessions whose nodes nobody has wanted yet: most end before that."""
         self._made = set[str]()
+        self._is_making = False
+        """Whether nodes of a session are being made, which asks for the references of what is above them."""
 
     def build(self) -> None:
         """Give the standard's nodes their values."""
@@ -168,8 +170,8 @@ class Diagnostics:
             self._waiting[session.key] = session
 
     def _make_all(self) -> None:
-        """Make the nodes of all sessions that wait for that."""
-        while self._waiting:
+        """Make the nodes of all sessions that wait for that; who is making one makes the next one when it is done."""
+        while self._waiting and not self._is_making:
             self._make(self._waiting.popitem()[1])
 
     def _make_one(self, node_id: ua.NodeId) -> None:
@@ -181,8 +183,12 @@ class Diagnostics:
 
     def _make(self, session: Session) -> None:
         self._made.add(session.key)
-        with self._context.mistakes.guard("diagnostics"):
-            self._build_session(session)
+        was_making, self._is_making = self._is_making, True
+        try:
+            with self._context.mistakes.guard("diagnostics"):
+                self._build_session(session)
+        finally:
+            self._is_making = was_making
 
     def _build_session(self, session: Session) -> None:
         def own(user: User, encrypted: bool) -> int:

@@ -4,7 +4,9 @@
 
 The members of an alarm are made when somebody looks at it: each has some fifty nodes, and of ten thousand alarms few
 are ever looked at. So a Variable lists the alarms that are disabled, suppressed or shelved: ConditionRefresh does not
-tell those of them that are inactive, and without the list a client would have to look at all.
+tell those of them that are inactive, and without the list a client would have to look at all. It is made when somebody
+reads it, or four times a second where somebody watches it: one for each alarm that a person puts aside would take time,
+and memory, by the square of their number.
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -19,6 +21,7 @@ from typing import Any, Final
 from asyncua import ua
 
 from ua_fleet.endpoint.convert import node_id, raw_id, to_variant
+from ua_fleet.endpoint.live import LiveValue
 from ua_fleet.endpoint.node_builder import ALARM_PREFIX, HAS_COMPONENT, HAS_PROPERTY, ORGANIZES
 from ua_fleet.endpoint.stack import ObjectIds, ns0
 from ua_fleet.fleet.changes import ValueChanged
@@ -29,13 +32,12 @@ from ua_fleet.nodes.projection import Projection
 from ua_fleet.operation.alarms.condition import MAX_SHELVED_S, Condition, ConditionState, Shelving
 from ua_fleet.operation.alarms.definitions import AlarmDefinition, AlarmKind
 from ua_fleet.operation.alarms.levels import Level
-from ua_fleet.values import ARRAY, BuiltinType, NodeId, QualifiedName, Variant, ticks_from_unix_ns
+from ua_fleet.values import BuiltinType, NodeId, QualifiedName, Variant, ticks_from_unix_ns
 
 __all__ = ["ALARMS", "AlarmNodes"]
 
 ALARMS: Final = "Fleet.Alarms"
 _PUT_ASIDE: Final = f"{ALARMS}.PutAside"
-_TEXTS: Final = int(BuiltinType.STRING | ARRAY)
 _SERVER: Final = ns0(ObjectIds.Server)
 _HAS_CONDITION: Final = ns0(ObjectIds.HasCondition)
 _HAS_EVENT_SOURCE: Final = ns0(ObjectIds.HasEventSource)
@@ -96,23 +98,29 @@ class AlarmNodes:
         """What members show, by the alarm's id; of those that somebody has looked at."""
         self._put_aside: dict[str, None] = {}
         """Ids of alarms that are disabled, suppressed or shelved."""
+        self._listed: list[str] | None = None
+        """The same as they were read last; None where there was a change since."""
+        self._list = LiveValue(self._ids, ua.VariantType.String)
 
     def build(self) -> None:
         """Make the folder, and the list of what is put aside."""
         parts = self._parts
         name = QualifiedName(parts.ns, "Alarms")
         parts.builder.add_object(parts.id(ALARMS), name, parts.id("Fleet"), STANDARD["FolderType"])
-        key = NodeId(parts.ns, _PUT_ASIDE)
-        parts.values[key] = parts.builder.add_variable(
-            node_id(key),
+        parts.builder.add_variable(
+            parts.id(_PUT_ASIDE),
             QualifiedName(parts.ns, "PutAside"),
             parts.id(ALARMS),
             STANDARD["PropertyType"],
             data_type=raw_id(int(BuiltinType.STRING)),
-            value=ua.DataValue(to_variant(_TEXTS, ())),
+            value=self._list,
             value_rank=1,
             reference=HAS_PROPERTY,
         )
+
+    async def tell(self) -> None:
+        """Tell who watches the list of its changes."""
+        await self._list.tell()
 
     def add(self, condition: Condition) -> None:
         """Show an alarm: the node that it is about has to be there."""
@@ -132,7 +140,7 @@ class AlarmNodes:
             parts.builder.add_reference(_SERVER, _HAS_EVENT_SOURCE, source)
         parts.builder.add_later(made, partial(self._make, condition))
         self._shown[key] = condition
-        self._list(definition, condition.state)
+        self._put(definition, condition.state)
 
     def key(self, definition: AlarmDefinition) -> NodeId:
         """The ConditionId of an alarm."""
@@ -148,7 +156,7 @@ class AlarmNodes:
     def notify(self, definition: AlarmDefinition, state: ConditionState) -> None:
         """Tell of a notification, in order with all values, and show it."""
         fields = self._fields(definition, state)
-        self._list(definition, state)
+        self._put(definition, state)
         self._show(definition, fields)
         self._projection.then(partial(self._emit, definition, state, fields))
 
@@ -161,7 +169,7 @@ class AlarmNodes:
 
     # Within.
 
-    def _list(self, definition: AlarmDefinition, state: ConditionState) -> None:
+    def _put(self, definition: AlarmDefinition, state: ConditionState) -> None:
         """Have an alarm in the list of those that are put aside, or not."""
         if state.is_put_aside is (definition.id in self._put_aside):
             return
@@ -169,8 +177,13 @@ class AlarmNodes:
             self._put_aside[definition.id] = None
         else:
             del self._put_aside[definition.id]
-        key, ticks = NodeId(self._parts.ns, _PUT_ASIDE), ticks_of(state.told_at)
-        self._projection.write(ValueChanged(key, _TEXTS, tuple(self._put_aside), 0, ticks, False))
+        self._listed = None
+
+    def _ids(self) -> list[str]:
+        """The list of those that are put aside, another one after each change."""
+        if self._listed is None:
+            self._listed = list(self._put_aside)
+        return self._listed
 
     def _emit(
         self,

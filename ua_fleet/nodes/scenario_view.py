@@ -83,7 +83,8 @@ class ScenarioView:
     def show_questions(self) -> None:
         """Show what bridges asked people when the server ended: the folder of alarms is there."""
         for record in self.runs.values():
-            self._show_questions(record)
+            for step in record.state.in_phase(TaskPhase.ASKED):
+                self._show_question(record, step)
 
     def show_settings(self, settings: ResilienceSettings) -> None:
         """Show how replacements are chosen."""
@@ -95,12 +96,12 @@ class ScenarioView:
         if self.dialogs is not None:
             self.dialogs.take(output, self.runs, self.decisions)
         if isinstance(output, RunChanged) and isinstance(output.fact, TaskOver) and output.fact.then is Then.ASK:
-            self._show_questions(self.runs[output.run_id])
+            self._show_question(self.runs[output.run_id], output.fact.step)
 
-    def _show_questions(self, record: RunRecord) -> None:
-        """Show what the bridges of a carried run ask people; of other runs, the orchestrator here says it."""
+    def _show_question(self, record: RunRecord, step: str) -> None:
+        """Show what a bridge of a carried run asks people; of other runs, the orchestrator here says it."""
         state = record.state
-        for step in state.in_phase(TaskPhase.ASKED) if state.carried and state.outcome is None else ():
+        if state.carried and state.outcome is None and state.phase(step) is TaskPhase.ASKED:
             task = state.tasks[step]
             known = task.name, task.robot, question_about(task), task.skill, task.execution_id
             self.show(OperatorAsked(record.run_id, step, *known))

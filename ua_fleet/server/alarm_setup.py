@@ -92,6 +92,7 @@ def make_alarms(
     """
     nodes = AlarmNodes(factory, events, projection)
     nodes.build()
+    server.context.housekeeping.append(nodes.tell)
     alarms = AlarmService(
         alarm_definitions(config, model),
         states,

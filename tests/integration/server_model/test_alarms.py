@@ -216,6 +216,30 @@ async def test_shelving_suppressing_disabling_and_who_may(udp_url: str, tcp_port
         assert (await watched.next(EnabledState_Id=True))["Retain"] is True
 
 
+async def test_who_watches_what_is_put_aside_is_told_of_it(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
+    config = fleet_config(udp_url, tcp_port, robots=robots())
+    async with (
+        serving(tmp_path, config) as running,
+        running.client(ENGINEER) as engineer,
+        running.client(OBSERVER) as observer,
+    ):
+        told: asyncio.Queue[list[str]] = asyncio.Queue()
+
+        class Handler:
+            def datachange_notification(self, node: Any, val: list[str], data: Any) -> None:
+                del node, data
+                told.put_nowait(val)
+
+        put_aside, alarm = observer.get_node("ns=2;s=Fleet.Alarms.PutAside"), engineer.get_node(ALARM)
+        subscription = await observer.create_subscription(10, Handler())
+        await subscription.subscribe_data_change(put_aside)
+        for method, expected in ((None, []), (DISABLE, ["rover.speed"]), (ENABLE, [])):
+            if method is not None:
+                await alarm.call_method(method)
+            assert await put_aside.read_value() == expected
+            assert await asyncio.wait_for(told.get(), 20) == expected
+
+
 async def test_refresh_tells_what_is_retained(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
     config = fleet_config(udp_url, tcp_port, robots=robots())
     async with serving(tmp_path, config) as running, running.client() as client:

@@ -13,6 +13,7 @@ from tests.integration.server_security.harness import Client, Door, bad, send, u
 from tests.integration.server_security.test_services import browse, read
 from ua_fleet.endpoint import diagnostics
 from ua_fleet.endpoint.convert import raw_id
+from ua_fleet.endpoint.sessions import Session
 from ua_fleet.endpoint.users import Role
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -222,6 +223,29 @@ async def test_the_fields_of_a_session_are_made_when_somebody_browses_them(harde
         space[raw_id(f"{session.key}.SessionDiagnostics", 1)].expect(made.append)
     # What nobody has browsed is not made to be removed.
     assert (nodes_of(session), session.session_id in space, made) == (0, False, [])
+
+
+async def test_the_nodes_of_hundreds_of_sessions_are_made_by_one_browse(hardened: Door) -> None:
+    server: Any = hardened.server
+    events, mistakes, user = server._services.session, server.context.mistakes, hardened.users.get("olga")
+    sessions = [Session(None, b"", "urn:client", 60.0, user=user) for _ in range(400)]
+    before = mistakes.count
+    for session in sessions:
+        events.activated(session)
+    try:
+        # One that is asked for by its id is made alone.
+        assert sessions[7].session_id in server.iserver.aspace
+        assert server.iserver.aspace._nodes.keys() & {each.session_id for each in sessions} == {sessions[7].session_id}
+        async with hardened.connected("eva") as engineer:
+            found = await engineer.get_node(node(f"{ROOT}SessionsDiagnosticsSummary")).get_children()
+            assert {each.session_id for each in sessions} <= {each.nodeid for each in found}
+            array = await engineer.get_node(node(ARRAYS[1])).get_children()
+            names = {f"{each.key}.SessionDiagnostics" for each in sessions}
+            assert names <= {str(each.nodeid.Identifier) for each in array}
+    finally:
+        for session in sessions:
+            await events.ended(session)
+    assert mistakes.count == before
 
 
 async def test_each_one_who_watches_is_told_what_there_was_before_and_is_again(hardened: Door) -> None:

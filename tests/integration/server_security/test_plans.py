@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import gc
 import json
 import random
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 
 from tests.integration.server_security.harness import Client, Door, Identities, binary, door, ua
 from tests.integration.server_security.test_mutations import mutated
-from ua_fleet.endpoint.node_builder import NodeBuilder
+from ua_fleet.endpoint.convert import raw_id
+from ua_fleet.endpoint.methods import MethodServices
+from ua_fleet.endpoint.node_builder import HAS_COMPONENT, NodeBuilder
 from ua_fleet.endpoint.services import encoding
+from ua_fleet.values import QualifiedName
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -349,3 +354,45 @@ async def test_a_call_of_what_has_changed_since_is_done_as_it_is_now(tmp_path: P
         NodeBuilder(space).remove(add)
         with pytest.raises(ua.UaStatusCodeError, match="BadMethodInvalid"):
             await objects.call_method(add, 1, 1)
+
+
+def share(hardened: Door, name: str, count: int) -> list[Any]:
+    """New Objects that all have one Method, as skills have Halt."""
+    builder, index = NodeBuilder(hardened.server.iserver.aspace), hardened.nodes.folder.NamespaceIndex
+    owners: list[Any] = [raw_id(f"{name}{number}", index) for number in range(count)]
+    for number, owner in enumerate(owners):
+        builder.add_object(owner, QualifiedName(index, f"{name}{number}"), hardened.nodes.folder, raw_id(58))
+        builder.add_reference(owner, HAS_COMPONENT, hardened.nodes.methods["who"])
+    return owners
+
+
+async def test_calls_on_many_objects_keep_nothing_of_all_that_share_their_method(
+    tmp_path: Path, identities: Identities
+) -> None:
+    async with door(tmp_path, identities) as hardened, hardened.connected("oscar") as client:
+        method: Any = hardened.server.iserver.aspace[hardened.nodes.methods["who"]]
+        for owner in share(hardened, "early", 20):
+            assert await client.get_node(owner).call_method(method.nodeid) == "oscar"
+        lists: list[Any] = [each for each in gc.get_referrers(method.references[0]) if type(each) is list]
+        assert [each for each in lists if each is not method.references] == []
+
+
+async def test_a_method_that_is_known_stays_known_when_further_objects_share_it(
+    tmp_path: Path, identities: Identities
+) -> None:
+    real = MethodServices.find
+    async with door(tmp_path, identities) as hardened, hardened.connected("oscar") as client:
+        (early,), who = share(hardened, "early", 1), hardened.nodes.methods["who"]
+        references = hardened.server.iserver.aspace[early].references
+
+        async def finds() -> int:
+            """How often the Method is looked for in three calls."""
+            with mock.patch.object(MethodServices, "find", autospec=True, side_effect=real) as find:
+                assert [await client.get_node(early).call_method(who) for _ in range(3)] == ["oscar"] * 3
+            return find.call_count
+
+        assert await finds() > 0
+        share(hardened, "late", 3)
+        assert await finds() == 0
+        references.insert(0, references.pop())  # the reference to it has another place
+        assert [await finds() > 0, await finds()] == [True, 0]

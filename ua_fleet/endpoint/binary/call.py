@@ -33,9 +33,13 @@ _STEP: Final = step_of(ua.CallMethodRequest)
 
 
 class _Target:
-    """A Method of an Object, and by what it was found."""
+    """A Method of an Object, and by what it was found.
 
-    __slots__ = ("_arguments", "_index", "_own", "_owner", "_reference", "found", "method_id", "object_id")
+    Nothing is kept of the Method's own references: one that all skills share has as many as there are skills. Its
+    InputArguments are made before it can be called, and go with a node, which `Targets` counts.
+    """
+
+    __slots__ = ("_arguments", "_index", "_owner", "_reference", "found", "method_id", "object_id")
 
     def __init__(self, wanted: ua.CallMethodRequest, owner: Any, index: int, found: FoundMethod, held: Any) -> None:
         """Remember a Method.
@@ -49,7 +53,6 @@ class _Target:
         """
         self.object_id, self.method_id, self.found = wanted.ObjectId, wanted.MethodId, found
         self._owner, self._index, self._reference = owner, index, owner.references[index]
-        self._own = list(found.node.references)
         self._arguments = None if held is None else (held, held.value)
 
     @property
@@ -59,7 +62,6 @@ class _Target:
         return (
             self._index < len(references)
             and references[self._index] is self._reference
-            and self.found.node.references == self._own
             and (arguments is None or arguments[0].value is arguments[1])
         )
 
@@ -115,6 +117,8 @@ class CallPlan:
         middle = position + node_id_bytes(data, position)
         end = middle + node_id_bytes(data, middle)
         target = self._targets.known().get(data[position:end])
+        if target is not None and not target.is_as_it_was:
+            target = None  # it is remembered anew
         scan.share = share_of(self._limits.request_memory_bytes)
         scan.charge_built(_STEP.memory)
         if target is not None and (plain := decode_plain_arguments(data, end)) is not None:

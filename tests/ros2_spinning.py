@@ -22,7 +22,7 @@ _LOOK_S: Final = 0.5
 def spin(executor: Any) -> None:
     """Spin until rclpy's context is shut down, or Ctrl-C."""
     with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
-        while rclpy.ok():
+        while rclpy.ok():  # pyright: ignore[reportPrivateImportUsage]
             executor.spin_once(timeout_sec=_LOOK_S)
 
 

@@ -105,7 +105,7 @@ def test_a_person_runs_the_nine_tasks_and_decides_in_the_page(processes: Process
         expect(page.get_by_role("link", name="1 open decision")).to_be_visible()
         _take_pictures(page)
         _go(page, "Alarms")
-        expect(page.get_by_text(FAULT)).to_be_visible()
+        expect(page.get_by_text(FAULT, exact=True)).to_be_visible()
         _decide(page)
 
         page.goto(run)

@@ -70,11 +70,10 @@ def events() -> list[Any]:
     details = types.ReadEventDetails()
     details.startTime, details.endTime, details.numValuesPerNode = begin, until, 1
     details.filter = types.EventFilter.parse("SELECT /Message, /ActiveState/Id, /EventId WHERE OFTYPE i=2955")
-    return [
-        [plain(field) for field in event.eventFields]
-        for page in pages(details, "i=2253")
-        for event in getattr(page, "events", None) or []
-    ]
+    found: list[Any] = []
+    for page in pages(details, "i=2253"):
+        found += getattr(page, "events", None) or []
+    return [[plain(field) for field in event.eventFields] for event in found]
 
 
 client.connect()

@@ -6,7 +6,7 @@ from typing import Any
 
 from ua_fleet.console.shown import harmless_value, shown_value
 from ua_fleet.scenario import read_scenario
-from ua_fleet.scenario.model import Condition, End, Parallel, Repeat, Sequence, Step, Task, Wait
+from ua_fleet.scenario.model import BranchPoint, Condition, End, Parallel, Repeat, Sequence, Step, Task, Wait
 
 __all__ = ["outline"]
 
@@ -76,6 +76,8 @@ def _step(step: Step) -> dict[str, Any]:
                 "event": step.event,
                 "timeout_s": step.timeout_s,
             }
+        case BranchPoint():
+            pass  # it comes of a split between bridges, and stands in no text
         case End():
             shown |= {"kind": "end", "outcome": step.outcome.value, "reason": harmless_value(step.reason)}
     return shown

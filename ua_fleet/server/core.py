@@ -267,7 +267,8 @@ class ServerCore:
                             continue
                     elif isinstance(event, MetaDataReceived):
                         self._look_for_robot(event)
-                self._take(self._state.apply(event, wall), now)
+                for value in self._values(self._state.apply(event, wall), now):
+                    self._nodes.write(value)
                 self._follow(event, now, wall)
             except Exception as error:  # noqa: BLE001 - the events behind it have nothing to do with it
                 self._mistakes.caught("messages", error, what=type(event).__name__)
@@ -323,12 +324,16 @@ class ServerCore:
         self._carried.follow(event)
 
     def _take(self, changes: Iterable[Change], now: float) -> None:
-        """Show what is to be shown now, and hand all of it on, in its order."""
+        for value in self._values(changes, now):
+            self._nodes.write(value)
+
+    def _values(self, changes: Iterable[Change], now: float) -> Iterator[ValueChanged]:
+        """The values of changes that are to be shown now. All other changes are shown here, in their order."""
         for change in changes:
             try:
                 if type(change) is ValueChanged:
                     if (ready := self._coalescer.offer(change, now)) is not None:
-                        self._nodes.write(ready)
+                        yield ready
                     for told in self._told:
                         told(change)
                     if self._watched and (alarm := self._watched.get(change.key)) is not None:

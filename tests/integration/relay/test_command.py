@@ -104,7 +104,7 @@ async def test_it_forwards_until_ctrl_c_and_tells_what_it_counts(hall: Hall, bro
         return levels
 
     try:
-        async with publishing(hall.file, hall.url) as publish:
+        async with publishing(hall.file, hall.url, TOPIC) as publish:
             level = 0.0
             async with asyncio.timeout(60):
                 while len(read()) < 20:

@@ -18,7 +18,7 @@ SECONDS: Final = 0.8346214
 """Comes nowhere else."""
 MOST: Final = 18
 PLACES: Final = {
-    "UdpTransport.send": "MethodServices.call",  # a client's Call request has it
+    "UdpTransport.send": "MethodServices.add",  # before it, a Call request is bytes that nobody has looked into
     "Actions._execute": "BridgeShell.receive",  # it comes from the network, and goes to the driver
 }
 """Where an argument leaves a process or comes to the driver, and the function that takes it from the place before."""

@@ -12,12 +12,13 @@ from typing import Any
 
 import pytest
 from asyncua import ua
+from asyncua.ua.object_ids import ObjectIds
 
 from ua_fleet.client import ConditionInfo, ConditionsKnown, conditions
 from ua_fleet.errors import NotConnected
 
 TYPES = 3
-LEVEL = ua.NodeId(ua.Int32(ua.ObjectIds.ExclusiveLevelAlarmType))
+LEVEL = ua.NodeId(ua.Int32(ObjectIds.ExclusiveLevelAlarmType))
 START, END, REQUIRED = conditions._FRAMES
 NOTHING = dict.fromkeys((*conditions._STANDARD, *conditions._OWN))
 

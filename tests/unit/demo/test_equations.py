@@ -95,6 +95,7 @@ def test_what_equation_12_counts() -> None:
         MessageKind.REPEAT,
         MessageKind.TELEMETRY,
         MessageKind.SENSOR,
+        MessageKind.RUN,
     }
     assert equation_12_sum(traffic.messages) == 6
     assert equation_12_sum(traffic.bytes) == 1111101

@@ -100,8 +100,8 @@ def encode_node_id(node_id: Any) -> bytes:
         if kind is _OPAQUE and isinstance(node_id.Identifier, bytes):
             return _NAMED.pack(5, node_id.NamespaceIndex, len(node_id.Identifier)) + node_id.Identifier
         if kind is _GUID:
-            guid: bytes = node_id.Identifier.bytes_le
-            return _GUID_HEAD.pack(4, node_id.NamespaceIndex) + guid
+            guid: Any = node_id.Identifier
+            return _GUID_HEAD.pack(4, node_id.NamespaceIndex) + bytes(guid.bytes_le)
     return nodeid_to_binary(node_id)
 
 

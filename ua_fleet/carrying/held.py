@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 from ua_fleet.carrying.adoption import Adoption, FilledSlot, filled_slots, proved_over
@@ -102,12 +102,21 @@ class HeldRun:
                 self._forget_rounds()
 
     def _forget_rounds(self) -> None:
-        """A repetition has one round at a time. What was not handed over of one before stays."""
-        self.tokens = {key: token for key, token in self.tokens.items() if not self._is_before(key[0])}
+        """A repetition has one round at a time. What was not handed over of one before stays.
+
+        So does the newest of each mailbox, since who hears it may begin later, outside of the repetition; and the
+        newest end of each segment, since an heir may need what was told to a mailbox of a bridge that is off.
+        """
+        heard = _newest([key for key in self.tokens if self.part.segments[key[0].number].tells])
+        self.tokens = {
+            key: token for key, token in self.tokens.items() if key in heard or not self._is_before(key[0])
+        }
+        ends = _newest([(place, 0) for place in self.over])
         gone = [
             place
             for place, over in self.over.items()
             if self._is_before(place)
+            and (place, 0) not in ends
             and all((place, road.segment, road.slot) in self.handed for road in self.roads(place, over))
         ]
         for place in gone:
@@ -205,3 +214,11 @@ class HeldRun:
         first = SegmentRound(0)
         if 0 in adopted and (first, 0) not in self.tokens:
             self.tokens[first, 0] = Token(self.part.run_id, self.part.plan_hash, self.part.epoch, 0, 0)
+
+
+def _newest(places: Iterable[tuple[SegmentRound, int]]) -> set[tuple[SegmentRound, int]]:
+    """Of each segment and slot, the one in the newest round."""
+    newest: dict[tuple[int, int], tuple[SegmentRound, int]] = {}
+    for place, slot in sorted(places, key=lambda one: one[0].rounds):
+        newest[place.number, slot] = place, slot
+    return set(newest.values())

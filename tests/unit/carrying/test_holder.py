@@ -24,6 +24,8 @@ from ua_fleet.carrying import (
     encode_token,
     parts_of,
 )
+from ua_fleet.carrying.adoption import Adoption, encode_adoption, plan_without
+from ua_fleet.carrying.effects import Carry
 from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
 from ua_fleet.carrying.part import PartInvalid
 from ua_fleet.carrying.plan import MailSlot
@@ -342,3 +344,60 @@ def test_a_branch_that_fails_says_that_what_others_wait_for_will_not_be_done() -
     waiting.parts = bridge.parts
     waiting.take_part()
     assert waiting.holder.take_token(sent[0].content, 300, 4.0) == []
+
+
+READ = plan(
+    task("first", "b"),
+    {
+        "parallel": [
+            [{"repeat": [task("x", "b"), task("one", "a"), task("y", "a")], "times": 3}],
+            [task("slow", "c"), task("u", "b", arguments={"x": "=one.out"})],
+        ]
+    },
+)
+"""`u` reads of a repetition beside it, as it stands when `u` begins."""
+READ_HEAD = next(number for number, one in enumerate(READ.segments) if one.otherwise)
+READ_MAILBOX = next(number for number, one in enumerate(READ.segments) if one.tells)
+READ_ONE = next(number for number, one in enumerate(READ.segments) if READ_MAILBOX in [edge.segment for edge in one.then])
+READ_U = next(number for number, one in enumerate(READ.segments) if one.hears)
+
+
+def test_what_a_mailbox_got_in_a_round_before_is_told_to_who_begins_later() -> None:
+    bridge = Bridge()
+    bridge.parts = parts_of(READ, "run", "made", {}, "anna")
+    bridge.take_part()
+
+    def take(segment: int, sender: int, rounds: tuple[int, ...] = (), value: float = 0.0) -> list[Carry]:
+        needs = READ.segments[segment].needs[0]
+        made = Token("run", bridge.parts[301].plan_hash, 1, segment, 0, "", dict.fromkeys(needs, value), rounds)
+        return bridge.holder.take_token(encode_token(made, needs), sender, 1.0)
+
+    for number in range(3):
+        take(READ_HEAD, 300, (number,))
+        take(READ_MAILBOX, 300, (number,), float(number))
+    take(READ_HEAD, 300, (3,))
+    assert take(READ_U, 302)[1:] == [Tell("run", SegmentRound(READ_U), "one", True, {"out": 2.0})]
+    for held in (bridge.holder.runs["run"], bridge.again().runs["run"]):
+        assert sum(place.number == READ_MAILBOX for place, _ in held.tokens) == 1, "only the newest is kept"
+
+
+def test_what_was_told_to_the_mailbox_of_a_bridge_that_is_off_is_told_to_its_heir() -> None:
+    bridge = Bridge(300)
+    bridge.parts = parts_of(READ, "run", "made", {}, "anna", adopt_after_s=10.0)
+    bridge.take_part()
+    y = next(edge.segment for edge in READ.segments[READ_ONE].then if edge.segment != READ_MAILBOX)
+    needs = READ.segments[READ_ONE].needs[0]
+    for number in range(3):
+        token = Token("run", bridge.parts[300].plan_hash, 1, READ_ONE, 0, rounds=(number,))
+        bridge.holder.take_token(encode_token(token, needs), 301, 1.0)
+        if number < 2:
+            for segment in (READ_ONE, y):
+                bridge.holder.segment_ended("run", SegmentRound(segment, (number,)), 2.0, results={"one.out": number})
+            for sent in list(bridge.holder.to_send()):
+                assert isinstance(sent, SendToken)
+                bridge.holder.handed_over(sent, 3.0)
+    parts = parts_of(plan_without(READ, 301, 302), "run", "made", {}, "anna", adopt_after_s=10.0, epoch=2)
+    bridge.holder.take_adoption(encode_adoption(Adoption(parts[300], 301, "anna"), encode_part(parts[300])), 4.0)
+    for holder in (bridge.holder, bridge.again()):
+        told = [sent for sent in holder.to_send() if isinstance(sent, SendToken) and sent.road.segment == READ_MAILBOX]
+        assert [(sent.road.space, sent.source.rounds) for sent in told] == [(302, (1,))]

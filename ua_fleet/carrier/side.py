@@ -134,13 +134,13 @@ class _Carrier:
             limits=replace(ground.limits, most_repeats=0),  # who has not heard it asks again
         )
         ground.actions.reserved_for = self._holder.reserved_for
-        self._storage_problem = ""
 
     @property
     def problem(self) -> str:
         """What keeps runs from going on here; empty where nothing does."""
         engine = "" if self._engine is None else self._engine.problem
-        return self._storage_problem or engine or self._outbox.waits()
+        storage = self._holder.problem and f"carried runs cannot be recorded, and stand still: {self._holder.problem}"
+        return storage or engine or self._outbox.waits()
 
     def _send(self, datagram: bytes) -> None:
         self._ground.send(datagram)
@@ -427,11 +427,9 @@ class _Carrier:
                 reason=end.reason,
                 way=end.way,
             )
-        except StorageUnavailable as error:
-            self._storage_problem = f"carried runs cannot be recorded, and stand still: {error}"
+        except StorageUnavailable:
             self._ground.loop.call_later(1.0, self._segment_ended, end)
             return
-        self._storage_problem = ""
         if self._engine is not None:
             self._engine.forget([end.run_id])  # it is not begun again
         self._do(effects)
@@ -448,7 +446,11 @@ class _Carrier:
     def _told(self, note: Callable[[Holder, float], list[Carry] | None]) -> None:
         """Another bridge has acknowledged something, or answered."""
         before = {run_id for run_id, held in self._holder.runs.items() if held.closed is None}
-        if effects := note(self._holder, self._wall_s()):
+        try:
+            effects = note(self._holder, self._wall_s())
+        except StorageUnavailable:
+            return  # `problem` says so, and the holder goes over it again
+        if effects:
             self._do(effects)
         for run_id in sorted(before):
             closed = self._holder.runs[run_id].closed

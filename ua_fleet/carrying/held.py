@@ -44,6 +44,8 @@ class HeldRun:
     """Bridges that have refused a token, and are asked whether it was adopted. Not written down."""
     stale: str = ""
     """Who has sent a token of an epoch before, for people. Not written down."""
+    again_at: float | None = None
+    """When what follows from its facts is gone over again, since one could not be written. Not written down."""
     rounds: dict[tuple[tuple[int, ...], tuple[int, ...]], int] = field(
         default_factory=dict[tuple[tuple[int, ...], tuple[int, ...]], int]
     )
@@ -108,9 +110,7 @@ class HeldRun:
         newest end of each segment, since an heir may need what was told to a mailbox of a bridge that is off.
         """
         heard = _newest([key for key in self.tokens if self.part.segments[key[0].number].tells])
-        self.tokens = {
-            key: token for key, token in self.tokens.items() if key in heard or not self._is_before(key[0])
-        }
+        self.tokens = {key: token for key, token in self.tokens.items() if key in heard or not self._is_before(key[0])}
         ends = _newest([(place, 0) for place in self.over])
         gone = [
             place

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import count
 from random import Random
-from typing import Final
+from typing import Any, Final
 
 from tests.carried.plans import ROBOTS, VIEW, robot_space, scenario_by
 from ua_fleet.carrying import (
@@ -636,14 +636,15 @@ class World:
         """A bridge asks another one for the epoch of the run."""
         target, life = self.bridges[sent.space], bridge.life
 
-        def answered(epoch: int) -> None:
+        def answered(told: dict[str, Any]) -> None:
             if bridge.life == life:
-                bridge.act(lambda: bridge.do(bridge.holder.told_epoch(sent, epoch, self.now)))
+                over = {name: told[name] for name in told if name != "epoch"}
+                bridge.act(lambda: bridge.do(bridge.holder.told_epoch(sent, told["epoch"], self.now, **over)))
 
         def take() -> None:
             held = target.holder.runs.get(RUN)
             if held is not None:
-                self.carry(sent.space, bridge.space, partial(answered, held.part.epoch))
+                self.carry(sent.space, bridge.space, partial(answered, target.holder.asked_epoch(held)))
 
         self.carry(bridge.space, sent.space, lambda: self.refusable(target, take))
 

@@ -281,7 +281,8 @@ class _Carrier:
             case Word.ADOPT if sender == 0:
                 answer = self._take_adoption(content, wall_s)
             case Word.EPOCH:
-                answer = encode_words(epoch=self._held(str(decode_words(content).get("run", ""))).part.epoch)
+                held = self._held(str(decode_words(content).get("run", "")))
+                answer = encode_words(**self._holder.asked_epoch(held))
             case Word.CONFIRM if sender == 0:
                 answer = self._confirm(decode_words(content)).encode()
             case _:

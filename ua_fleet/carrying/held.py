@@ -192,6 +192,7 @@ class HeldRun:
         """Go by the new part: what the bridge that is off had goes to its heir once more."""
         before, self.part = self.part, adoption.part
         self.adoptions.append(adoption)
+        self.asks.clear()
         lost = {
             (segment.number, road.segment, road.slot)
             for segment in before.segments.values()

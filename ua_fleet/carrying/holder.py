@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 from ua_fleet.carrying.adoption import decode_adoption
 from ua_fleet.carrying.effects import AskEpoch, Carry, Gone, Pause, Send, SendEnd, SendToken, Stop
@@ -41,7 +41,7 @@ from ua_fleet.carrying.facts import (
 )
 from ua_fleet.carrying.held import HeldRun
 from ua_fleet.carrying.part import PartInvalid, decode_part
-from ua_fleet.carrying.token import WHOLE, SegmentRound, TokenInvalid, decode_token
+from ua_fleet.carrying.token import MOST_REASON_BYTES, WHOLE, SegmentRound, TokenInvalid, clipped, decode_token
 from ua_fleet.errors import ScenarioError, StorageUnavailable
 from ua_fleet.scenario import Value
 from ua_fleet.topics import SERVER_SPACE
@@ -207,8 +207,32 @@ class Holder:
         self._note(PartAdopted(now, part.run_id, content.hex()))
         return self._no_doubt(part.run_id, now) if self.in_doubt else self._again(held, now)
 
-    def told_epoch(self, sent: AskEpoch, epoch: int | None, now: float) -> list[Carry]:
-        """Another bridge says which epoch a run has; None: that it does not know the run any more."""
+    def asked_epoch(self, held: HeldRun) -> dict[str, Any]:
+        """What another bridge is told that asks for the epoch of a run: also how it has ended, where it has.
+
+        Raises:
+            RunRefused: this bridge was left out of the run itself, and does not know.
+        """
+        closed = held.closed
+        if closed is None:
+            return {"epoch": held.part.epoch}
+        if closed.outcome == ADOPTED:
+            raise self._is_over(held.part.run_id, closed)
+        reason = clipped(closed.reason, MOST_REASON_BYTES)
+        return {"epoch": held.part.epoch, "outcome": closed.outcome, "reason": reason}
+
+    def told_epoch(
+        self, sent: AskEpoch, epoch: int | None, now: float, *, outcome: str = "", reason: str = ""
+    ) -> list[Carry]:
+        """Another bridge says which epoch a run has; None: that it does not know the run any more.
+
+        Args:
+            sent: what it was asked.
+            epoch: what it says.
+            now: by the wall clock.
+            outcome: how the run is over there; empty where it goes on.
+            reason: why, then.
+        """
         held = self.runs.get(sent.run_id)
         if held is None or held.closed is not None:
             return []
@@ -218,6 +242,8 @@ class Holder:
         if epoch > held.part.epoch:
             reason = f"its token was adopted: the bridge of space {sent.space} has epoch {epoch} of it"
             return self._close(held, ADOPTED, reason, sent.space, now)
+        if outcome:
+            return self._close(held, outcome, reason, sent.space, now)
         held.asks.discard(sent.space)
         return self._no_doubt(sent.run_id, now)
 
@@ -323,7 +349,8 @@ class Holder:
                 if closed.by == self._space:
                     for space in held.part.spaces:
                         if space not in held.told and space != self._space:
-                            yield SendEnd(held.part.run_id, space, closed.outcome, closed.reason)
+                            reason = clipped(closed.reason, MOST_REASON_BYTES)
+                            yield SendEnd(held.part.run_id, space, closed.outcome, reason)
                 continue
             is_in_doubt = held.part.run_id in self.in_doubt
             asked = held.part.spaces if is_in_doubt else sorted(held.asks)

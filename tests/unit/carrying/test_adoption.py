@@ -354,3 +354,37 @@ def test_a_bridge_that_cannot_write_that_it_was_adopted_asks_again() -> None:
     assert asked in list(holder.to_send())
     holder.told_epoch(asked, 2, 4.0)
     assert list(holder.to_send()) == []
+
+
+def test_a_bridge_that_was_away_hears_that_the_run_is_over() -> None:
+    bridge, other = Bridge(301), Bridge(300)
+    bridge.holder.take_token(token(1), 300, 1.0)
+    other.holder.take_end("run", "aborted", "enough", 0, 2.0)
+    late = bridge.again()
+    assert late.again(50.0) == []
+    told = other.holder.asked_epoch(other.holder.runs["run"])
+    assert told == {"epoch": 1, "outcome": "aborted", "reason": "enough"}
+    (stop,) = late.told_epoch(AskEpoch("run", 300), told.pop("epoch"), 51.0, **told)
+    assert stop == Stop("run", (SegmentRound(1),), "enough")
+    for holder in (late, bridge.again()):
+        closed = holder.runs["run"].closed
+        assert closed is not None
+        assert (closed.outcome, closed.reason, closed.by) == ("aborted", "enough", 300)
+        assert list(holder.to_send()) == [], "who has ended it tells the others"
+
+
+def test_a_bridge_that_was_left_out_itself_does_not_say_that_another_one_was_not() -> None:
+    bridge, other = Bridge(301), Bridge(300)
+    assert other.holder.asked_epoch(other.holder.runs["run"]) == {"epoch": 1}
+    late = other.again()
+    late.again(50.0)
+    late.told_epoch(AskEpoch("run", 301), 2, 51.0)
+    with pytest.raises(RunRefused, match="is over here: adopted"):
+        late.asked_epoch(late.runs["run"])
+    bridge.holder.take_token(token(1), 300, 1.0)
+    bridge.holder.segment_ended("run", SegmentRound(1), 2.0)
+    (sent,) = bridge.holder.to_send()
+    assert isinstance(sent, SendToken)
+    bridge.holder.refused(sent)
+    bridge.holder.take_adoption(adoption(301, 300), 20.0)
+    assert list(bridge.holder.to_send()) == [], "it asks until it knows, and no longer"

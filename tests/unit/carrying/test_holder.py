@@ -41,6 +41,7 @@ from ua_fleet.carrying.holder import AGAIN_S
 from ua_fleet.carrying.part import PartInvalid
 from ua_fleet.carrying.plan import MailSlot
 from ua_fleet.carrying.token import TokenInvalid
+from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.errors import StorageUnavailable
 
 PLAN = plan(task("one", "a"), task("two", "b", arguments={"x": "=one.out"}), task("three", "a"))
@@ -508,3 +509,20 @@ def test_a_token_within_a_bridge_is_gone_over_again(kind: type[CarryFact]) -> No
     begun = [one for one in bridge.holder.segment_ended("run", SegmentRound(0), 3.0) if isinstance(one, Begin)]
     assert [one.segment.body.steps[0].key for one in begun] == ["0.0.0"]
     assert len([sent for sent in bridge.holder.to_send() if isinstance(sent, SendToken)]) == 1
+
+
+def test_an_end_is_said_also_where_its_reason_is_long(bridge: Bridge) -> None:
+    last = Bridge(300)
+    last.take_part()
+    last.holder.take_token(last.token(2), 301, 1.0)
+    last.holder.segment_ended("run", SegmentRound(2), 2.0, failed="é\x00" * 5000)
+    (sent,) = last.holder.to_send()
+    assert isinstance(sent, SendEnd)
+    words = decode_words(encode_words(run=sent.run_id, outcome=sent.outcome, reason=sent.reason))
+    assert bridge.holder.take_end(words["run"], words["outcome"], words["reason"], 300, 3.0) == []
+    closed = bridge.holder.runs["run"].closed
+    assert closed is not None
+    assert closed.outcome == "failed"
+    assert closed.reason.startswith("é\x00é")
+    told = decode_words(encode_words(**last.holder.asked_epoch(last.holder.runs["run"])))
+    assert told == {"epoch": 1, "outcome": "failed", "reason": closed.reason}

@@ -23,7 +23,7 @@ from ua_fleet.bridge.immediate import ImmediateActions
 from ua_fleet.carrier.engine import INSTANCE, SegmentEnd, SegmentEngine
 from ua_fleet.carrier.outbox import Outbox
 from ua_fleet.carrier.watching import RunWatch
-from ua_fleet.carrying import Begin, Gone, Holder, Part, Pause, RunRefused, Tell, segment_of, segment_run
+from ua_fleet.carrying import Begin, Gone, Holder, Pause, RunRefused, Tell, segment_of, segment_run
 from ua_fleet.carrying.adoption import decode_adoption, encode_filled
 from ua_fleet.carrying.effects import Carry, Stop, fact_before
 from ua_fleet.carrying.held import HeldRun
@@ -37,9 +37,7 @@ from ua_fleet.operation.runs.decision_words import encode_decision
 from ua_fleet.orchestrator import DecisionChanged
 from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, CARRY_REQUEST, CARRY_RESPONSE, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, SubscriberEvent
-from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.facts import Fact, decode_fact, encode_fact
-from ua_fleet.scenario.model import End
 from ua_fleet.skill.executions import RequestorName, pack
 from ua_fleet.storage.carried_records import CARRIED_FILE, CarriedRecords
 from ua_fleet.topics import SERVER_SPACE
@@ -48,7 +46,7 @@ from ua_fleet.wire.actions import ActionMessage
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 from ua_fleet.wire.security import read_security
 
-__all__ = ["carrier_of", "told_by"]
+__all__ = ["carrier_of"]
 
 REQUESTS_AT_ONCE: Final = 64
 PAGE_BYTES: Final = 24_000
@@ -77,16 +75,6 @@ def carrier_of(
         records: makes that file, where it is another one.
     """
     return partial(_Carrier, config, name, state_dir, records or partial(CarriedRecords, state_dir))
-
-
-def told_by(part: Part) -> frozenset[int]:
-    """The spaces of the bridges that one with this part tells something: all of the run where it may end it."""
-    segments = part.segments.values()
-    steps = [step for segment in segments for step in Scenario("", segment.body).steps()]
-    may_end = any(segment.fails is None and not segment.tells for segment in segments)
-    if may_end or any(isinstance(step, End) for step in steps):
-        return frozenset(part.spaces)
-    return frozenset([road.space for segment in segments for road in segment.roads])
 
 
 class _Carrier:
@@ -177,7 +165,7 @@ class _Carrier:
         effects = self._holder.again(self._wall_s())
         for run_id, held in self._holder.runs.items():
             asks_all = run_id in self._holder.in_doubt
-            self._want_others(held.part.spaces if asks_all else told_by(held.part))
+            self._want_others(held.part.spaces if asks_all else held.part.tells())
         if self._holder.in_doubt:
             waiting = ", ".join(sorted(self._holder.in_doubt))
             self._log.warning("this bridge was away, and asks whether its tokens were adopted", runs=waiting)
@@ -306,7 +294,7 @@ class _Carrier:
         with self._ground.mistakes.guard("carried runs"):
             self._engine_now(self._ground.loop.time())
             for held in self._holder.runs.values():
-                self._want_others(told_by(held.part))
+                self._want_others(held.part.tells())
 
     def _want_others(self, spaces: Iterable[int]) -> None:
         for space in spaces:
@@ -332,7 +320,7 @@ class _Carrier:
         """Take it, and say which tokens are here: they prove what the bridge that is off has done."""
         self._do(self._holder.take_adoption(content, wall_s))
         part = decode_adoption(content).part
-        self._want_others(told_by(part))
+        self._want_others(part.tells())
         return encode_words(filled=encode_filled(self._held(part.run_id).filled()))
 
     def _confirm(self, words: dict[str, Any]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Final
 
 from ua_fleet.carrying.adoption import Adoption, FilledSlot, filled_slots, proved_over
 from ua_fleet.carrying.effects import Begin, Tell
@@ -13,7 +14,10 @@ from ua_fleet.carrying.plan import MailSlot
 from ua_fleet.carrying.token import SegmentRound, Token, encode_token
 from ua_fleet.scenario import Value
 
-__all__ = ["HeldRun"]
+__all__ = ["LOST", "HeldRun"]
+
+LOST: Final = "lost"
+"""The outcome of a run of which nothing has come for its lease."""
 
 
 @dataclass(slots=True)
@@ -74,6 +78,16 @@ class HeldRun:
         waits_s = self.part.adopt_after_s
         is_long = self.is_doubted or 0 < waits_s <= now - self.heard
         return self.closed is None and len(self.part.spaces) > 1 and is_long
+
+    def untold(self, space: int) -> list[int]:
+        """The bridges that this one, of that space, has yet to tell that the run is over: it has ended it.
+
+        That it has heard nothing of the run for its lease it tells those alone that take something from it.
+        """
+        if self.closed is None or self.closed.by != space:
+            return []
+        spaces = sorted(self.part.tells()) if self.closed.outcome == LOST else self.part.spaces
+        return [each for each in spaces if each not in self.told and each != space]
 
     # Tokens.
 

@@ -39,7 +39,7 @@ from ua_fleet.carrying.facts import (
     SegmentOver,
     TokenTaken,
 )
-from ua_fleet.carrying.held import HeldRun
+from ua_fleet.carrying.held import LOST, HeldRun
 from ua_fleet.carrying.part import PartInvalid, decode_part
 from ua_fleet.carrying.token import MOST_REASON_BYTES, WHOLE, SegmentRound, TokenInvalid, clipped, decode_token
 from ua_fleet.errors import ScenarioError, StorageUnavailable
@@ -53,8 +53,6 @@ MOST_RUNS: Final = 100
 """Carried runs that a bridge has at a time."""
 MOST_KEPT: Final = 50
 """Those that are over and still known: the server fetches what became of them."""
-LOST: Final = "lost"
-"""The outcome of a run of which nothing has come for its lease."""
 ADOPTED: Final = "adopted"
 """The outcome at a bridge that was away, while another one has gone on in its place: it parks what it has."""
 
@@ -346,11 +344,9 @@ class Holder:
         for held in self.runs.values():
             closed = held.closed
             if closed is not None:
-                if closed.by == self._space:
-                    for space in held.part.spaces:
-                        if space not in held.told and space != self._space:
-                            reason = clipped(closed.reason, MOST_REASON_BYTES)
-                            yield SendEnd(held.part.run_id, space, closed.outcome, reason)
+                reason = clipped(closed.reason, MOST_REASON_BYTES)
+                for space in held.untold(self._space):
+                    yield SendEnd(held.part.run_id, space, closed.outcome, reason)
                 continue
             is_in_doubt = held.part.run_id in self.in_doubt
             asked = held.part.spaces if is_in_doubt else sorted(held.asks)
@@ -408,9 +404,7 @@ class Holder:
         over = [
             run_id
             for run_id, held in self.runs.items()
-            if held.closed is not None
-            and not held.active
-            and (held.closed.by != self._space or held.told | {self._space} >= set(held.part.spaces))
+            if held.closed is not None and not held.active and not held.untold(self._space)
         ]
         return over[: max(0, len(over) - MOST_KEPT)]
 

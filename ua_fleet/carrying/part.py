@@ -19,7 +19,7 @@ from ua_fleet.carrying.plan import Edge, Hearing, Plan, Segment
 from ua_fleet.carrying.token import HASH_BYTES, MOST_LOOPS, MOST_RUN_ID, WHOLE, SegmentRound
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Scenario, Value
-from ua_fleet.scenario.model import Sequence, Task
+from ua_fleet.scenario.model import End, Sequence, Task
 from ua_fleet.scenario.model import Step as ScenarioStep
 from ua_fleet.values import StatusCode
 
@@ -130,6 +130,15 @@ class Part:
         bodies = [segment.body for segment in self.segments.values()]
         tasks = [step for body in bodies for step in Scenario("", body).steps() if isinstance(step, Task)]
         return frozenset([task.robot for task in tasks if task.robot is not None])
+
+    def tells(self) -> frozenset[int]:
+        """The spaces of the bridges that this one tells something: all of the run where it may end it."""
+        segments = self.segments.values()
+        steps = [step for segment in segments for step in Scenario("", segment.body).steps()]
+        may_end = any(segment.fails is None and not segment.tells for segment in segments)
+        if may_end or any(isinstance(step, End) for step in steps):
+            return frozenset(self.spaces)
+        return frozenset([road.space for segment in segments for road in segment.roads])
 
 
 def segment_run(run_id: str, place: SegmentRound) -> str:

@@ -37,7 +37,7 @@ from ua_fleet.carrying.facts import (
     decode_carry_fact,
     encode_carry_fact,
 )
-from ua_fleet.carrying.holder import AGAIN_S
+from ua_fleet.carrying.holder import AGAIN_S, LOST
 from ua_fleet.carrying.part import PartInvalid
 from ua_fleet.carrying.plan import MailSlot
 from ua_fleet.carrying.token import TokenInvalid
@@ -526,3 +526,23 @@ def test_an_end_is_said_also_where_its_reason_is_long(bridge: Bridge) -> None:
     assert closed.reason.startswith("é\x00é")
     told = decode_words(encode_words(**last.holder.asked_epoch(last.holder.runs["run"])))
     assert told == {"epoch": 1, "outcome": "failed", "reason": closed.reason}
+
+
+def test_that_a_run_is_lost_is_told_to_those_alone_that_take_something_from_the_bridge() -> None:
+    away = plan(task("one", "a"), task("two", "b"), task("three", "c"))
+    bridge = Bridge()
+    for number in range(60):
+        bridge.parts = parts_of(away, f"run{number}", "made", {}, "anna")
+        bridge.take_part()
+    assert bridge.parts[301].tells() == {302}
+    assert bridge.parts[302].tells() == {300, 301, 302}, "the last one tells all"
+    bridge.holder.poll(1e9)
+    told = list(bridge.holder.to_send())
+    assert {(sent.space, sent.outcome) for sent in told if isinstance(sent, SendEnd)} == {(302, LOST)}
+    assert len(told) == 60
+    assert bridge.holder.forgettable() == []
+    for sent in told:
+        assert isinstance(sent, SendEnd)
+        bridge.holder.end_told(sent, 1e9)
+    assert list(bridge.holder.to_send()) == []
+    assert bridge.holder.forgettable() == [f"run{number}" for number in range(10)]

@@ -12,6 +12,7 @@ import json
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from typing import Any, Final
 
 from ua_fleet.carrying.fragments import decode_step, encode_step
@@ -52,6 +53,8 @@ MOST_PART_BYTES: Final = 32_000
 _MOST_SPACE: Final = 0xFFFF
 MOST_JSON_BYTES: Final = 1_000_000
 """Of what is in it."""
+UNREADABLE: Final = (zlib.error, LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError)
+"""What is raised by what others have sent where it is not what it should be."""
 
 
 class PartInvalid(ScenarioError):
@@ -280,7 +283,7 @@ def decode_part(content: bytes) -> Part:
         if data["version"] != VERSION:
             raise PartInvalid(f"a part of version {data['version']!r}; this program reads version {VERSION}")
         return _part(data)
-    except (zlib.error, KeyError, TypeError, ValueError, AttributeError, RecursionError, IndexError) as error:
+    except UNREADABLE as error:
         raise PartInvalid(f"a part of a plan cannot be read: {error!r}") from error
 
 
@@ -288,6 +291,9 @@ def _part(data: Any) -> Part:
     run_id, plan_hash = str(data["run"]), bytes.fromhex(data["hash"])
     if len(plan_hash) != HASH_BYTES or not run_id.isascii() or not 0 < len(run_id) <= MOST_RUN_ID:
         raise PartInvalid("a part has a hash or a run id of another length")
+    lease_s, adopt_after_s = float(data["lease_s"]), float(data["adopt_after_s"])
+    if not 0 < lease_s < inf or not 0 <= adopt_after_s < inf:
+        raise PartInvalid(f"a part has a lease of {lease_s} s, and a bridge asks after {adopt_after_s} s")
     segments = {int(one["n"]): _segment(one) for one in data["segments"]}
     return Part(
         run_id,
@@ -295,8 +301,8 @@ def _part(data: Any) -> Part:
         str(data["by"]),
         plan_hash,
         int(data["epoch"]),
-        float(data["lease_s"]),
-        float(data["adopt_after_s"]),
+        lease_s,
+        adopt_after_s,
         _spaces(data["spaces"]),
         dict(data["parameters"]),
         segments,

@@ -37,7 +37,7 @@ from ua_fleet.operation.runs.decision_words import encode_decision
 from ua_fleet.orchestrator import DecisionChanged
 from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, CARRY_REQUEST, CARRY_RESPONSE, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, SubscriberEvent
-from ua_fleet.scenario.facts import Fact, decode_fact, encode_fact
+from ua_fleet.scenario.facts import Fact, RunClosing, RunEnded, RunOutcome, decode_fact, encode_fact
 from ua_fleet.skill.executions import RequestorName, pack
 from ua_fleet.storage.carried_records import CARRIED_FILE, CarriedRecords
 from ua_fleet.topics import SERVER_SPACE
@@ -158,6 +158,7 @@ class _Carrier:
         records = self._open()
         self._holder = Holder(self._space, self._note, records.facts())
         self._ground.actions.reserved_for = self._holder.reserved_for
+        self._leave_out(records)
         for run_id in self._holder.runs:
             facts = [fact for segment in records.segments_of(run_id) for fact in records.runs.facts(segment)]
             self._pages[run_id] = [encode_fact(fact) for fact in facts]
@@ -172,6 +173,15 @@ class _Carrier:
             self._ground.loop.call_soon(self._send_out)
         elif self._is_busy:
             self._open_engine(effects, now)
+
+    def _leave_out(self, records: CarriedRecords) -> None:
+        """Say which runs cannot be read, and have the engine begin nothing of them; what is recorded stays."""
+        for run_id, why in self._holder.unreadable.items():
+            self._log.error("a carried run of the journal cannot be read, and is left out", run_id=run_id, reason=why)
+            closing = RunClosing(self._wall_s(), RunOutcome.ABORTED, why)
+            for segment in records.segments_of(run_id):
+                if not any(isinstance(fact, RunClosing | RunEnded) for fact in records.runs.facts(segment)):
+                    records.runs.write([(segment, closing)])
 
     def _open_engine(self, effects: Iterable[Carry], now: float) -> None:
         """Go on with the segments of the journal, which have to know before what is to be stopped or paused."""

@@ -87,8 +87,18 @@ class Holder:
         """Runs whose tokens another bridge may have by now. Nothing is begun here until it is known."""
         self._ended_before: dict[str, RunClosed] = {}
         """Runs that were over before their part came, the oldest first: a part that is late does not begin them."""
+        self.unreadable: dict[str, str] = {}
+        """Runs of which another version has written, and why that cannot be read: they are left out."""
         for fact in facts:
+            if fact.run_id not in self.unreadable:
+                self._restore(fact)
+
+    def _restore(self, fact: CarryFact) -> None:
+        try:
             self._apply(fact)
+        except ScenarioError as error:
+            self.unreadable[fact.run_id] = str(error)
+            self.runs.pop(fact.run_id, None)
 
     # What comes from others.
 
@@ -107,6 +117,8 @@ class Holder:
             if known.closed is not None:
                 raise self._is_over(part.run_id, known.closed)
             return
+        if part.run_id in self.unreadable:
+            raise RunRefused(f"run {part.run_id} was recorded by another version here, and is left out")
         if (ended := self._ended_before.get(part.run_id)) is not None:
             raise self._is_over(part.run_id, ended)
         if self._space not in part.spaces:

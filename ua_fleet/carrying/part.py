@@ -37,14 +37,14 @@ __all__ = [
     "segment_run",
 ]
 
-VERSION: Final = 2
+VERSION: Final = 3
 _DICTIONARY: Final = (
     b'"retries":1,"capacities":["mobile","grab"],"quantities":{"distance":[1.0,"m"]},"after":[""]},"on_unknown":"retry",'
     b'{"=":"angle"},{"key":"","line":0,"kind":"if","when":"","then":{"else":{"kind":"sequence","steps":[{"kind":"wait",'
     b'"parameters":{"limit":20.0},"segments":[{"n":1,"slots":2,"needs":[],"then":[[0,0,256,[]]],"fails":[1,255,256],'
     b'"fails":null,"steps":[]},{"n":1,"slots":1,"needs":[],"then":[],"fails":null,"steps":[{"kind":"task","key":"1",'
     b'"line":10,"name":"","skill":"","robot":"","arguments":{"to":""},"timeout_s":120.0,"on_unknown":"ask"}]},'
-    b'{"version":2,"run":"20260101-000000-","scenario":"","by":"operator","hash":"","epoch":1,"lease_s":1200.0,'
+    b'{"version":3,"run":"20260101-000000-","scenario":"","by":"operator","hash":"","epoch":1,"lease_s":1200.0,'
     b'"adopt_after_s":300.0,"spaces":[[256,257]],"parameters":{},"segments":[{"n":0,"slots":1,"needs":[],"then":[['
 )
 """Of zlib: what a part refers to in place of saying it, the frequent at its end. A change of it is a new version."""

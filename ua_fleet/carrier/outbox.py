@@ -97,6 +97,13 @@ class Outbox:
             if not unsaid.is_asked and now >= unsaid.next_at:
                 self._say(key, unsaid, now)
 
+    def put_off(self, reason: str) -> None:
+        """Nothing can be said now: what is due is said later."""
+        now = self._ground.loop.time()
+        for unsaid in self._unsaid.values():
+            if not unsaid.is_asked and now >= unsaid.next_at:
+                self._later(unsaid, reason, now)
+
     def _say(self, key: Key, unsaid: _Unsaid, now: float) -> None:
         sent, space = unsaid.sent, _space(unsaid.sent)
         if isinstance(sent, SendToken):

@@ -438,7 +438,12 @@ class _Carrier:
     def _send_out(self) -> None:
         """Say what others have not acknowledged."""
         with self._ground.mistakes.guard("carried runs"):
-            self._outbox.say(list(self._holder.to_send()), self._told)
+            try:
+                if self._records is not None:
+                    self._records.settle()  # after a sync that failed, nothing that follows from it may leave
+                self._outbox.say(list(self._holder.to_send()), self._told)
+            except StorageUnavailable as error:
+                self._outbox.put_off(str(error))
             self._watch.look(self._holder)
         self._ground.sooner()
 

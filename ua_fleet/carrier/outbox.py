@@ -143,8 +143,8 @@ class Outbox:
             if isinstance(sent, SendToken):
                 unsaid.told(lambda holder, now: holder.handed_over(sent, now))
             elif isinstance(sent, AskEpoch):
-                epoch, outcome, reason = _epoch_in(report.result)
-                unsaid.told(lambda holder, now: holder.told_epoch(sent, epoch, now, outcome=outcome, reason=reason))
+                epoch, how, why = _epoch_in(report.result)
+                unsaid.told(lambda holder, now: holder.told_epoch(sent, epoch, now, outcome=how, reason=why))
             else:
                 unsaid.told(lambda holder, now: holder.end_told(sent, now))
         else:

@@ -363,7 +363,14 @@ class _Carrier:
     # What follows.
 
     def _do(self, effects: Iterable[Carry]) -> None:
-        now, effects = self._ground.loop.time(), list(effects)
+        """Have the engine do what follows from facts that are written down; where it cannot write, somewhat later."""
+        try:
+            self._carry_out(list(effects), self._ground.loop.time())
+        except StorageUnavailable as error:
+            self._holder.put_off(str(error), self._wall_s())
+        self._ground.loop.call_soon(self._send_out)
+
+    def _carry_out(self, effects: list[Carry], now: float) -> None:
         if self._engine is None and effects:
             self._open_engine(effects, now)
             return
@@ -380,7 +387,6 @@ class _Carrier:
                     engine.lose_bridge(effect.space, effect.by)
             else:
                 self._tell_engine(engine, effect)
-        self._ground.loop.call_soon(self._send_out)
 
     def _begin(self, engine: SegmentEngine, effect: Begin) -> None:
         part = self._holder.runs[effect.run_id].part

@@ -6,12 +6,24 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from ua_fleet.carrying.adoption import Adoption, FilledSlot, filled_slots, proved_over
+from ua_fleet.carrying.adoption import Adoption, FilledSlot, decode_adoption, filled_slots, proved_over
 from ua_fleet.carrying.effects import Begin, Tell
-from ua_fleet.carrying.facts import PauseTold, RunClosed, SegmentOver
+from ua_fleet.carrying.facts import (
+    CarryFact,
+    EndTold,
+    HandedOver,
+    PartAdopted,
+    PartTaken,
+    PauseTold,
+    RunClosed,
+    RunDoubted,
+    SegmentBegun,
+    SegmentOver,
+    TokenTaken,
+)
 from ua_fleet.carrying.part import Part, Road
 from ua_fleet.carrying.plan import MailSlot
-from ua_fleet.carrying.token import SegmentRound, Token, encode_token
+from ua_fleet.carrying.token import SegmentRound, Token, decode_token, encode_token
 from ua_fleet.scenario import Value
 
 __all__ = ["LOST", "HeldRun"]
@@ -88,6 +100,32 @@ class HeldRun:
             return []
         spaces = sorted(self.part.tells()) if self.closed.outcome == LOST else self.part.spaces
         return [each for each in spaces if each not in self.told and each != space]
+
+    def apply(self, fact: CarryFact) -> None:
+        """Take in a fact that is written down; raises PartInvalid or TokenInvalid where another version has."""
+        self.heard = max(self.heard, fact.at)
+        match fact:
+            case TokenTaken():
+                names = {number: segment.needs for number, segment in self.part.segments.items()}
+                self.take(decode_token(bytes.fromhex(fact.content), names))
+            case SegmentBegun():
+                self.begun[SegmentRound(fact.segment, fact.rounds)] = fact.at
+            case SegmentOver():
+                self.over[SegmentRound(fact.segment, fact.rounds)] = fact
+            case HandedOver():
+                self.handed.add((SegmentRound(fact.segment, fact.rounds), fact.target, fact.slot))
+            case RunClosed():
+                self.closed = fact
+            case EndTold():
+                self.told.add(fact.space)
+            case PauseTold():
+                self.pause = fact
+            case RunDoubted():
+                self.is_doubted = fact.is_doubted
+            case PartAdopted():
+                self.adopt(decode_adoption(bytes.fromhex(fact.content)), fact.at)
+            case PartTaken():
+                pass  # it is made of that
 
     # Tokens.
 

@@ -349,6 +349,12 @@ class Holder:
                 effects += self._after(held, place, now)
         return effects
 
+    def put_off(self, reason: str, now: float) -> None:
+        """The engine cannot write down what it was told: what follows from the facts is gone over again."""
+        self.problem = reason
+        for held in self.runs.values():
+            held.again_at = now + AGAIN_S
+
     # What is to be sent, and what came of it.
 
     def to_send(self) -> Iterator[Send]:
@@ -522,25 +528,4 @@ class Holder:
                 if len(self._ended_before) > MOST_KEPT:
                     del self._ended_before[next(iter(self._ended_before))]
             return  # else it is of a run that was forgotten
-        held.heard = max(held.heard, fact.at)
-        match fact:
-            case TokenTaken():
-                names = {number: segment.needs for number, segment in held.part.segments.items()}
-                token = decode_token(bytes.fromhex(fact.content), names)
-                held.take(token)
-            case SegmentBegun():
-                held.begun[SegmentRound(fact.segment, fact.rounds)] = fact.at
-            case SegmentOver():
-                held.over[SegmentRound(fact.segment, fact.rounds)] = fact
-            case HandedOver():
-                held.handed.add((SegmentRound(fact.segment, fact.rounds), fact.target, fact.slot))
-            case RunClosed():
-                held.closed = fact
-            case EndTold():
-                held.told.add(fact.space)
-            case PauseTold():
-                held.pause = fact
-            case RunDoubted():
-                held.is_doubted = fact.is_doubted
-            case PartAdopted():
-                held.adopt(decode_adoption(bytes.fromhex(fact.content)), fact.at)
+        held.apply(fact)

@@ -16,7 +16,7 @@ from ua_demo.simulators.fleet.memory import VirtualLoop
 from tests.unit.carrying.test_plan import plan, task
 from ua_fleet.bridge.carry import CarryGround
 from ua_fleet.carrier import carrier_of
-from ua_fleet.carrier.engine import SegmentEnd
+from ua_fleet.carrier.engine import SegmentEnd, SegmentEngine
 from ua_fleet.carrying import Holder, RunRefused, SegmentRound, Token, encode_part, encode_token, parts_of, segment_run
 from ua_fleet.carrying.facts import PartTaken, PauseTold, SegmentBegun
 from ua_fleet.config.schema import FleetConfig
@@ -161,3 +161,29 @@ def test_a_part_of_a_run_that_is_left_out_is_refused() -> None:
     assert holder.runs == {}
     with pytest.raises(RunRefused, match="by another version"):
         holder.take_part(encode_part(PARTS[300]), 2.0)
+
+
+def test_a_segment_that_the_engine_could_not_write_down_begins_later(
+    tmp_path: Path, records: CarriedRecords, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Holder(300, records.note).take_part(encode_part(PARTS[300]), 1.0)
+    begun: list[str] = []
+
+    def begin(_engine: SegmentEngine, run_id: str, *_: Any) -> None:
+        begun.append(run_id)
+        if len(begun) == 1:
+            raise StorageUnavailable("the disk is full")
+
+    monkeypatch.setattr(SegmentEngine, "begin_segment", begin)
+    cell = Bridge("cell", tmp_path, records)
+    side = cast("Any", cell.side)
+    token = encode_token(Token("run", PARTS[300].plan_hash, 1, 0, 0), ())
+    side._do(side._holder.take_token(token, 0, cell.now))
+    assert "the disk is full" in cell.side.problem
+    cell.go_on(0.5)
+    assert begun == ["run.0"]
+    cell.go_on(0.5)
+    assert begun == ["run.0", "run.0"]
+    assert cell.side.problem == ""
+    cell.go_on(5.0)
+    assert len(begun) == 2

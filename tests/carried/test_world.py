@@ -70,6 +70,7 @@ def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
     for world in carried:
         world.run()
     assert sum(world.kills for world in carried) >= 60
+    assert sum(world.refused for world in carried) >= 60
     assert sum(world.server_dies_at < 900 for world in carried) >= 15
     assert sum(bool(world.still) for world in carried) >= 5
     assert sum(world.offs[0].is_done for world in carried) >= 5
@@ -103,6 +104,10 @@ def test_an_adoption_without_an_epoch_is_found() -> None:
 
 def test_execution_ids_without_the_round_are_found() -> None:
     assert is_found(identity=_without_round)
+
+
+def test_a_holder_that_forgets_what_it_could_not_write_is_found() -> None:
+    assert is_found(forgets_again=True)
 
 
 def _without_attempt(effect: StartTask, _attempt: int) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import count
 from random import Random
-from typing import Final
+from typing import Any, Final
 
 from tests.carried.plans import ROBOTS, VIEW, robot_space, scenario_by
 from ua_fleet.carrying import (
@@ -48,7 +48,7 @@ from ua_fleet.carrying.adoption import (
 from ua_fleet.carrying.effects import Carry, fact_before
 from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
 from ua_fleet.carrying.segment_scenario import decode_scenario, segment_scenario, way_taken
-from ua_fleet.errors import ScenarioError
+from ua_fleet.errors import ScenarioError, StorageUnavailable
 from ua_fleet.scenario import Run, Scenario, Value, ValueUnknown
 from ua_fleet.scenario.effects import CancelTask, DecisionNeeded, Effect, ReleaseRobot, StartTask, WantRobot
 from ua_fleet.scenario.facts import (
@@ -266,6 +266,9 @@ class Bridge:
 
     def note(self, fact: CarryFact) -> None:
         """The journal of the holder."""
+        if self.world.now < HEALED_S and self.world.full.random() < self.world.full_rate:
+            self.world.refused += 1
+            raise StorageUnavailable("the disk is full")
         if self.world.forgets is None or not isinstance(fact, self.world.forgets):
             self.write(self.lines, encode_carry_fact(fact))
 
@@ -287,6 +290,10 @@ class Bridge:
             self.look()
         except Killed:
             self.die()
+        except StorageUnavailable:
+            if self.world.forgets_again:
+                for held in self.holder.runs.values():
+                    held.again_at = None
 
     def die(self) -> None:
         """All but the disk is lost; it comes back some time later."""
@@ -301,7 +308,7 @@ class Bridge:
         self.is_up = True
         try:
             self.start()
-        except Killed:
+        except (Killed, StorageUnavailable):  # a bridge whose disk is full does not start
             self.die()
 
     def do(self, effects: list[Carry]) -> None:
@@ -331,7 +338,14 @@ class Bridge:
                         if key in self.engine.runs:
                             self.engine.take(key, self.engine.runs[key].abort(reason, "x", self.world.now))
                         else:
-                            self.do(self.holder.segment_ended(run_id, place, self.world.now, failed=reason))
+                            self.stopped(run_id, place, reason)
+
+    def stopped(self, run_id: str, place: SegmentRound, reason: str) -> None:
+        """A segment that the engine has not got is over; said until it is written down."""
+        try:
+            self.do(self.holder.segment_ended(run_id, place, self.world.now, failed=reason))
+        except StorageUnavailable:
+            self.later(1.0, partial(self.stopped, run_id, place, reason))
 
     def begin(self, effect: Begin) -> None:
         """Begin a segment, unless it was begun before."""
@@ -480,6 +494,7 @@ class World:
         parts: Callable[[dict[int, Part]], dict[int, Part]] = lambda parts: parts,
         forgets: type[CarryFact] | None = None,
         no_epoch: bool = False,
+        forgets_again: bool = False,
     ) -> None:
         """Make it.
 
@@ -490,10 +505,14 @@ class World:
             parts: makes wrong parts of right ones.
             no_epoch: a wrong adoption, after which a bridge cannot tell a token from one before it.
             forgets: a kind of fact that a wrong journal leaves out.
+            forgets_again: a wrong holder, which does not know that it could not write a fact.
         """
         self.random = Random(seed)
         self.seed, self.now, self.is_lazy, self.kills = seed, 0.0, is_lazy, 0
-        self.forgets = forgets
+        self.forgets, self.forgets_again = forgets, forgets_again
+        self.full, self.refused = Random(f"full {seed}"), 0
+        self.full_rate = self.full.choice((0.0, 0.0, 0.05, 0.3))
+        """How often a disk has no room for a fact; how often that was so is in `refused`."""
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = count()
         self.scenario = scenario_by(Random(f"scenario {seed}"))
@@ -621,8 +640,10 @@ class World:
                     content = self._as_of_now(target, sent.content) if self.no_epoch else sent.content
                     try:
                         target.do(target.holder.take_token(content, bridge.space, self.now))
-                    except ScenarioError:
+                    except (ScenarioError, StorageUnavailable) as error:
                         self.carry(space, bridge.space, refused)
+                        if isinstance(error, StorageUnavailable):
+                            raise
                         return
                 else:
                     target.do(target.holder.take_end(sent.run_id, sent.outcome, sent.reason, bridge.space, self.now))
@@ -636,14 +657,15 @@ class World:
         """A bridge asks another one for the epoch of the run."""
         target, life = self.bridges[sent.space], bridge.life
 
-        def answered(epoch: int) -> None:
+        def answered(told: dict[str, Any]) -> None:
             if bridge.life == life:
-                bridge.act(lambda: bridge.do(bridge.holder.told_epoch(sent, epoch, self.now)))
+                over = {name: told[name] for name in told if name != "epoch"}
+                bridge.act(lambda: bridge.do(bridge.holder.told_epoch(sent, told["epoch"], self.now, **over)))
 
         def take() -> None:
             held = target.holder.runs.get(RUN)
             if held is not None:
-                self.carry(sent.space, bridge.space, partial(answered, held.part.epoch))
+                self.carry(sent.space, bridge.space, partial(answered, target.holder.asked_epoch(held)))
 
         self.carry(bridge.space, sent.space, lambda: self.refusable(target, take))
 

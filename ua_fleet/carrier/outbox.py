@@ -97,6 +97,13 @@ class Outbox:
             if not unsaid.is_asked and now >= unsaid.next_at:
                 self._say(key, unsaid, now)
 
+    def put_off(self, reason: str) -> None:
+        """Nothing can be said now: what is due is said later."""
+        now = self._ground.loop.time()
+        for unsaid in self._unsaid.values():
+            if not unsaid.is_asked and now >= unsaid.next_at:
+                self._later(unsaid, reason, now)
+
     def _say(self, key: Key, unsaid: _Unsaid, now: float) -> None:
         sent, space = unsaid.sent, _space(unsaid.sent)
         if isinstance(sent, SendToken):
@@ -136,8 +143,8 @@ class Outbox:
             if isinstance(sent, SendToken):
                 unsaid.told(lambda holder, now: holder.handed_over(sent, now))
             elif isinstance(sent, AskEpoch):
-                epoch = _epoch_in(report.result)
-                unsaid.told(lambda holder, now: holder.told_epoch(sent, epoch, now))
+                epoch, how, why = _epoch_in(report.result)
+                unsaid.told(lambda holder, now: holder.told_epoch(sent, epoch, now, outcome=how, reason=why))
             else:
                 unsaid.told(lambda holder, now: holder.end_told(sent, now))
         else:
@@ -184,9 +191,11 @@ def _what(sent: Send) -> str:
     return "token" if isinstance(sent, SendToken) else "end"
 
 
-def _epoch_in(result: bytes) -> int:
+def _epoch_in(result: bytes) -> tuple[int, str, str]:
+    """The epoch; and how the run is over there, and why, where it is."""
     (packed,) = unpack(result)
-    return int(decode_words(bytes(packed.value or b"")).get("epoch", 0))
+    words = decode_words(bytes(packed.value or b""))
+    return int(words.get("epoch", 0)), str(words.get("outcome", "")), str(words.get("reason", ""))
 
 
 def _space(sent: Send) -> int:

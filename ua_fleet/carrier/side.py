@@ -23,7 +23,7 @@ from ua_fleet.bridge.immediate import ImmediateActions
 from ua_fleet.carrier.engine import INSTANCE, SegmentEnd, SegmentEngine
 from ua_fleet.carrier.outbox import Outbox
 from ua_fleet.carrier.watching import RunWatch
-from ua_fleet.carrying import Begin, Gone, Holder, Part, Pause, RunRefused, Tell, segment_of, segment_run
+from ua_fleet.carrying import Begin, Gone, Holder, Pause, RunRefused, Tell, segment_of, segment_run
 from ua_fleet.carrying.adoption import decode_adoption, encode_filled
 from ua_fleet.carrying.effects import Carry, Stop, fact_before
 from ua_fleet.carrying.held import HeldRun
@@ -37,9 +37,7 @@ from ua_fleet.operation.runs.decision_words import encode_decision
 from ua_fleet.orchestrator import DecisionChanged
 from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, CARRY_REQUEST, CARRY_RESPONSE, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, SubscriberEvent
-from ua_fleet.scenario import Scenario
-from ua_fleet.scenario.facts import Fact, decode_fact, encode_fact
-from ua_fleet.scenario.model import End
+from ua_fleet.scenario.facts import Fact, RunClosing, RunEnded, RunOutcome, decode_fact, encode_fact
 from ua_fleet.skill.executions import RequestorName, pack
 from ua_fleet.storage.carried_records import CARRIED_FILE, CarriedRecords
 from ua_fleet.topics import SERVER_SPACE
@@ -48,7 +46,7 @@ from ua_fleet.wire.actions import ActionMessage
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 from ua_fleet.wire.security import read_security
 
-__all__ = ["carrier_of", "told_by"]
+__all__ = ["carrier_of"]
 
 REQUESTS_AT_ONCE: Final = 64
 PAGE_BYTES: Final = 24_000
@@ -77,16 +75,6 @@ def carrier_of(
         records: makes that file, where it is another one.
     """
     return partial(_Carrier, config, name, state_dir, records or partial(CarriedRecords, state_dir))
-
-
-def told_by(part: Part) -> frozenset[int]:
-    """The spaces of the bridges that one with this part tells something: all of the run where it may end it."""
-    segments = part.segments.values()
-    steps = [step for segment in segments for step in Scenario("", segment.body).steps()]
-    may_end = any(segment.fails is None and not segment.tells for segment in segments)
-    if may_end or any(isinstance(step, End) for step in steps):
-        return frozenset(part.spaces)
-    return frozenset([road.space for segment in segments for road in segment.roads])
 
 
 class _Carrier:
@@ -134,13 +122,13 @@ class _Carrier:
             limits=replace(ground.limits, most_repeats=0),  # who has not heard it asks again
         )
         ground.actions.reserved_for = self._holder.reserved_for
-        self._storage_problem = ""
 
     @property
     def problem(self) -> str:
         """What keeps runs from going on here; empty where nothing does."""
         engine = "" if self._engine is None else self._engine.problem
-        return self._storage_problem or engine or self._outbox.waits()
+        storage = self._holder.problem and f"carried runs cannot be recorded, and stand still: {self._holder.problem}"
+        return storage or engine or self._outbox.waits()
 
     def _send(self, datagram: bytes) -> None:
         self._ground.send(datagram)
@@ -170,6 +158,7 @@ class _Carrier:
         records = self._open()
         self._holder = Holder(self._space, self._note, records.facts())
         self._ground.actions.reserved_for = self._holder.reserved_for
+        self._leave_out(records)
         for run_id in self._holder.runs:
             facts = [fact for segment in records.segments_of(run_id) for fact in records.runs.facts(segment)]
             self._pages[run_id] = [encode_fact(fact) for fact in facts]
@@ -177,13 +166,22 @@ class _Carrier:
         effects = self._holder.again(self._wall_s())
         for run_id, held in self._holder.runs.items():
             asks_all = run_id in self._holder.in_doubt
-            self._want_others(held.part.spaces if asks_all else told_by(held.part))
+            self._want_others(held.part.spaces if asks_all else held.part.tells())
         if self._holder.in_doubt:
             waiting = ", ".join(sorted(self._holder.in_doubt))
             self._log.warning("this bridge was away, and asks whether its tokens were adopted", runs=waiting)
             self._ground.loop.call_soon(self._send_out)
         elif self._is_busy:
             self._open_engine(effects, now)
+
+    def _leave_out(self, records: CarriedRecords) -> None:
+        """Say which runs cannot be read, and have the engine begin nothing of them; what is recorded stays."""
+        for run_id, why in self._holder.unreadable.items():
+            self._log.error("a carried run of the journal cannot be read, and is left out", run_id=run_id, reason=why)
+            closing = RunClosing(self._wall_s(), RunOutcome.ABORTED, why)
+            for segment in records.segments_of(run_id):
+                if not any(isinstance(fact, RunClosing | RunEnded) for fact in records.runs.facts(segment)):
+                    records.runs.write([(segment, closing)])
 
     def _open_engine(self, effects: Iterable[Carry], now: float) -> None:
         """Go on with the segments of the journal, which have to know before what is to be stopped or paused."""
@@ -281,7 +279,8 @@ class _Carrier:
             case Word.ADOPT if sender == 0:
                 answer = self._take_adoption(content, wall_s)
             case Word.EPOCH:
-                answer = encode_words(epoch=self._held(str(decode_words(content).get("run", ""))).part.epoch)
+                held = self._held(str(decode_words(content).get("run", "")))
+                answer = encode_words(**self._holder.asked_epoch(held))
             case Word.CONFIRM if sender == 0:
                 answer = self._confirm(decode_words(content)).encode()
             case _:
@@ -305,7 +304,7 @@ class _Carrier:
         with self._ground.mistakes.guard("carried runs"):
             self._engine_now(self._ground.loop.time())
             for held in self._holder.runs.values():
-                self._want_others(told_by(held.part))
+                self._want_others(held.part.tells())
 
     def _want_others(self, spaces: Iterable[int]) -> None:
         for space in spaces:
@@ -331,7 +330,7 @@ class _Carrier:
         """Take it, and say which tokens are here: they prove what the bridge that is off has done."""
         self._do(self._holder.take_adoption(content, wall_s))
         part = decode_adoption(content).part
-        self._want_others(told_by(part))
+        self._want_others(part.tells())
         return encode_words(filled=encode_filled(self._held(part.run_id).filled()))
 
     def _confirm(self, words: dict[str, Any]) -> str:
@@ -364,7 +363,14 @@ class _Carrier:
     # What follows.
 
     def _do(self, effects: Iterable[Carry]) -> None:
-        now, effects = self._ground.loop.time(), list(effects)
+        """Have the engine do what follows from facts that are written down; where it cannot write, somewhat later."""
+        try:
+            self._carry_out(list(effects), self._ground.loop.time())
+        except StorageUnavailable as error:
+            self._holder.put_off(str(error), self._wall_s())
+        self._ground.loop.call_soon(self._send_out)
+
+    def _carry_out(self, effects: list[Carry], now: float) -> None:
         if self._engine is None and effects:
             self._open_engine(effects, now)
             return
@@ -381,7 +387,6 @@ class _Carrier:
                     engine.lose_bridge(effect.space, effect.by)
             else:
                 self._tell_engine(engine, effect)
-        self._ground.loop.call_soon(self._send_out)
 
     def _begin(self, engine: SegmentEngine, effect: Begin) -> None:
         part = self._holder.runs[effect.run_id].part
@@ -427,11 +432,9 @@ class _Carrier:
                 reason=end.reason,
                 way=end.way,
             )
-        except StorageUnavailable as error:
-            self._storage_problem = f"carried runs cannot be recorded, and stand still: {error}"
+        except StorageUnavailable:
             self._ground.loop.call_later(1.0, self._segment_ended, end)
             return
-        self._storage_problem = ""
         if self._engine is not None:
             self._engine.forget([end.run_id])  # it is not begun again
         self._do(effects)
@@ -441,14 +444,23 @@ class _Carrier:
     def _send_out(self) -> None:
         """Say what others have not acknowledged."""
         with self._ground.mistakes.guard("carried runs"):
-            self._outbox.say(list(self._holder.to_send()), self._told)
+            try:
+                if self._records is not None:
+                    self._records.settle()  # after a sync that failed, nothing that follows from it may leave
+                self._outbox.say(list(self._holder.to_send()), self._told)
+            except StorageUnavailable as error:
+                self._outbox.put_off(str(error))
             self._watch.look(self._holder)
         self._ground.sooner()
 
     def _told(self, note: Callable[[Holder, float], list[Carry] | None]) -> None:
         """Another bridge has acknowledged something, or answered."""
         before = {run_id for run_id, held in self._holder.runs.items() if held.closed is None}
-        if effects := note(self._holder, self._wall_s()):
+        try:
+            effects = note(self._holder, self._wall_s())
+        except StorageUnavailable:
+            return  # `problem` says so, and the holder goes over it again
+        if effects:
             self._do(effects)
         for run_id in sorted(before):
             closed = self._holder.runs[run_id].closed

@@ -18,7 +18,16 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any, Final, NamedTuple
 
-from ua_fleet.carrying.part import MOST_JSON_BYTES, MOST_PART_BYTES, Part, PartInvalid, PartSegment, Road, decode_part
+from ua_fleet.carrying.part import (
+    MOST_JSON_BYTES,
+    MOST_PART_BYTES,
+    UNREADABLE,
+    Part,
+    PartInvalid,
+    PartSegment,
+    Road,
+    decode_part,
+)
 from ua_fleet.carrying.plan import Plan, PlanView, missing_requestors
 from ua_fleet.carrying.token import SegmentRound, Token
 from ua_fleet.scenario import Scenario, Value
@@ -330,5 +339,5 @@ def decode_adoption(content: bytes) -> Adoption:
             dict(data["results"]),
             {str(place): tuple([str(line) for line in lines]) for place, lines in data["facts"].items()},
         )
-    except (zlib.error, KeyError, TypeError, ValueError, AttributeError, RecursionError, IndexError) as error:
+    except UNREADABLE as error:
         raise PartInvalid(f"an adoption cannot be read: {error!r}") from error

@@ -76,6 +76,8 @@ class SegmentOver:
     rounds: tuple[int, ...] = ()
     way: bool = True
     """What it has decided, where it ends with a decision."""
+    reason: str = ""
+    """Why all of the run ends, where a step says so."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Final
 
-from ua_fleet.carrying.adoption import Adoption, FilledSlot, filled_slots, proved_over
+from ua_fleet.carrying.adoption import Adoption, FilledSlot, decode_adoption, filled_slots, proved_over
 from ua_fleet.carrying.effects import Begin, Tell
-from ua_fleet.carrying.facts import PauseTold, RunClosed, SegmentOver
+from ua_fleet.carrying.facts import (
+    CarryFact,
+    EndTold,
+    HandedOver,
+    PartAdopted,
+    PartTaken,
+    PauseTold,
+    RunClosed,
+    RunDoubted,
+    SegmentBegun,
+    SegmentOver,
+    TokenTaken,
+)
 from ua_fleet.carrying.part import Part, Road
 from ua_fleet.carrying.plan import MailSlot
-from ua_fleet.carrying.token import SegmentRound, Token, encode_token
+from ua_fleet.carrying.token import SegmentRound, Token, decode_token, encode_token
 from ua_fleet.scenario import Value
 
-__all__ = ["HeldRun"]
+__all__ = ["LOST", "HeldRun"]
+
+LOST: Final = "lost"
+"""The outcome of a run of which nothing has come for its lease."""
 
 
 @dataclass(slots=True)
@@ -44,6 +60,8 @@ class HeldRun:
     """Bridges that have refused a token, and are asked whether it was adopted. Not written down."""
     stale: str = ""
     """Who has sent a token of an epoch before, for people. Not written down."""
+    again_at: float | None = None
+    """When what follows from its facts is gone over again, since one could not be written. Not written down."""
     rounds: dict[tuple[tuple[int, ...], tuple[int, ...]], int] = field(
         default_factory=dict[tuple[tuple[int, ...], tuple[int, ...]], int]
     )
@@ -72,6 +90,42 @@ class HeldRun:
         waits_s = self.part.adopt_after_s
         is_long = self.is_doubted or 0 < waits_s <= now - self.heard
         return self.closed is None and len(self.part.spaces) > 1 and is_long
+
+    def untold(self, space: int) -> list[int]:
+        """The bridges that this one, of that space, has yet to tell that the run is over: it has ended it.
+
+        That it has heard nothing of the run for its lease it tells those alone that take something from it.
+        """
+        if self.closed is None or self.closed.by != space:
+            return []
+        spaces = sorted(self.part.tells()) if self.closed.outcome == LOST else self.part.spaces
+        return [each for each in spaces if each not in self.told and each != space]
+
+    def apply(self, fact: CarryFact) -> None:
+        """Take in a fact that is written down; raises PartInvalid or TokenInvalid where another version has."""
+        self.heard = max(self.heard, fact.at)
+        match fact:
+            case TokenTaken():
+                names = {number: segment.needs for number, segment in self.part.segments.items()}
+                self.take(decode_token(bytes.fromhex(fact.content), names))
+            case SegmentBegun():
+                self.begun[SegmentRound(fact.segment, fact.rounds)] = fact.at
+            case SegmentOver():
+                self.over[SegmentRound(fact.segment, fact.rounds)] = fact
+            case HandedOver():
+                self.handed.add((SegmentRound(fact.segment, fact.rounds), fact.target, fact.slot))
+            case RunClosed():
+                self.closed = fact
+            case EndTold():
+                self.told.add(fact.space)
+            case PauseTold():
+                self.pause = fact
+            case RunDoubted():
+                self.is_doubted = fact.is_doubted
+            case PartAdopted():
+                self.adopt(decode_adoption(bytes.fromhex(fact.content)), fact.at)
+            case PartTaken():
+                pass  # it is made of that
 
     # Tokens.
 
@@ -102,12 +156,19 @@ class HeldRun:
                 self._forget_rounds()
 
     def _forget_rounds(self) -> None:
-        """A repetition has one round at a time. What was not handed over of one before stays."""
-        self.tokens = {key: token for key, token in self.tokens.items() if not self._is_before(key[0])}
+        """A repetition has one round at a time. What was not handed over of one before stays.
+
+        So does the newest of each mailbox, since who hears it may begin later, outside of the repetition; and the
+        newest end of each segment, since an heir may need what was told to a mailbox of a bridge that is off.
+        """
+        heard = _newest([key for key in self.tokens if self.part.segments[key[0].number].tells])
+        self.tokens = {key: token for key, token in self.tokens.items() if key in heard or not self._is_before(key[0])}
+        ends = _newest([(place, 0) for place in self.over])
         gone = [
             place
             for place, over in self.over.items()
             if self._is_before(place)
+            and (place, 0) not in ends
             and all((place, road.segment, road.slot) in self.handed for road in self.roads(place, over))
         ]
         for place in gone:
@@ -183,6 +244,7 @@ class HeldRun:
         """Go by the new part: what the bridge that is off had goes to its heir once more."""
         before, self.part = self.part, adoption.part
         self.adoptions.append(adoption)
+        self.asks.clear()
         lost = {
             (segment.number, road.segment, road.slot)
             for segment in before.segments.values()
@@ -205,3 +267,11 @@ class HeldRun:
         first = SegmentRound(0)
         if 0 in adopted and (first, 0) not in self.tokens:
             self.tokens[first, 0] = Token(self.part.run_id, self.part.plan_hash, self.part.epoch, 0, 0)
+
+
+def _newest(places: Iterable[tuple[SegmentRound, int]]) -> set[tuple[SegmentRound, int]]:
+    """Of each segment and slot, the one in the newest round."""
+    newest: dict[tuple[int, int], tuple[SegmentRound, int]] = {}
+    for place, slot in sorted(places, key=lambda one: one[0].rounds):
+        newest[place.number, slot] = place, slot
+    return set(newest.values())

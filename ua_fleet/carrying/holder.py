@@ -11,15 +11,18 @@
 
 A fact is journaled first, then applied, then what follows is done. All that is done follows from the facts alone, so
 that a process that is killed at any moment asks for the same again: `begin` of a segment whose run the engine has
-already, a token whose target has it already. A token that comes twice, or late, begins nothing: a segment is begun
-once in each round, by the last of its slots. What comes to a mailbox is told to the segments under way that hear it.
+already, a token whose target has it already. Where a fact cannot be written, what follows from those before it is gone
+over again likewise: by who says the same again, or by `poll`. A token that comes twice, or late, begins nothing: a
+segment is begun once in each round, by the last of its slots. What comes to a mailbox is told to the segments under way
+that hear it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 from ua_fleet.carrying.adoption import decode_adoption
 from ua_fleet.carrying.effects import AskEpoch, Carry, Gone, Pause, Send, SendEnd, SendToken, Stop
@@ -36,10 +39,10 @@ from ua_fleet.carrying.facts import (
     SegmentOver,
     TokenTaken,
 )
-from ua_fleet.carrying.held import HeldRun
+from ua_fleet.carrying.held import LOST, HeldRun
 from ua_fleet.carrying.part import PartInvalid, decode_part
-from ua_fleet.carrying.token import WHOLE, SegmentRound, TokenInvalid, decode_token
-from ua_fleet.errors import ScenarioError
+from ua_fleet.carrying.token import MOST_REASON_BYTES, WHOLE, SegmentRound, TokenInvalid, clipped, decode_token
+from ua_fleet.errors import ScenarioError, StorageUnavailable
 from ua_fleet.scenario import Value
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import StatusCode
@@ -50,10 +53,12 @@ MOST_RUNS: Final = 100
 """Carried runs that a bridge has at a time."""
 MOST_KEPT: Final = 50
 """Those that are over and still known: the server fetches what became of them."""
-LOST: Final = "lost"
-"""The outcome of a run of which nothing has come for its lease."""
 ADOPTED: Final = "adopted"
 """The outcome at a bridge that was away, while another one has gone on in its place: it parks what it has."""
+
+
+AGAIN_S: Final = 1.0
+"""After so long `poll` tries again to write what could not be written."""
 
 
 class RunRefused(ScenarioError):
@@ -76,12 +81,24 @@ class Holder:
         """
         self._space, self._journal = space, journal
         self.runs: dict[str, HeldRun] = {}
+        self.problem = ""
+        """Why a fact of a run could not be written; empty once it was, or nothing is to be written again."""
         self.in_doubt: set[str] = set()
         """Runs whose tokens another bridge may have by now. Nothing is begun here until it is known."""
         self._ended_before: dict[str, RunClosed] = {}
         """Runs that were over before their part came, the oldest first: a part that is late does not begin them."""
+        self.unreadable: dict[str, str] = {}
+        """Runs of which another version has written, and why that cannot be read: they are left out."""
         for fact in facts:
+            if fact.run_id not in self.unreadable:
+                self._restore(fact)
+
+    def _restore(self, fact: CarryFact) -> None:
+        try:
             self._apply(fact)
+        except ScenarioError as error:
+            self.unreadable[fact.run_id] = str(error)
+            self.runs.pop(fact.run_id, None)
 
     # What comes from others.
 
@@ -100,6 +117,8 @@ class Holder:
             if known.closed is not None:
                 raise self._is_over(part.run_id, known.closed)
             return
+        if part.run_id in self.unreadable:
+            raise RunRefused(f"run {part.run_id} was recorded by another version here, and is left out")
         if (ended := self._ended_before.get(part.run_id)) is not None:
             raise self._is_over(part.run_id, ended)
         if self._space not in part.spaces:
@@ -136,7 +155,7 @@ class Holder:
         if known is not None:
             if known.epoch == token.epoch and known != token:
                 raise TokenInvalid(f"segment {place} of run {part.run_id} has another token there")
-            return []
+            return self._unwritten(held, now)
         if held.closed is not None:
             raise self._is_over(part.run_id, held.closed)
         if held.is_known(place) and not segment.tells:
@@ -168,8 +187,10 @@ class Holder:
         held = self.runs.get(run_id)
         if held is None:
             raise RunRefused(f"there is no part of run {run_id[:80]} here")
-        if held.closed is not None or held.is_paused == is_paused:
+        if held.closed is not None:
             return []
+        if held.is_paused == is_paused:
+            return self._unwritten(held, now)
         self._note(PauseTold(now, run_id, is_paused, by))
         if self.in_doubt:
             return []
@@ -188,7 +209,7 @@ class Holder:
         if held is None:
             raise RunRefused(f"there is no part of run {part.run_id} here")
         if (part.epoch, part.plan_hash) == (held.part.epoch, held.part.plan_hash):
-            return []
+            return self._unwritten(held, now)
         if held.closed is not None:
             raise self._is_over(part.run_id, held.closed)
         if part.epoch <= held.part.epoch or self._space not in part.spaces:
@@ -196,18 +217,44 @@ class Holder:
         self._note(PartAdopted(now, part.run_id, content.hex()))
         return self._no_doubt(part.run_id, now) if self.in_doubt else self._again(held, now)
 
-    def told_epoch(self, sent: AskEpoch, epoch: int | None, now: float) -> list[Carry]:
-        """Another bridge says which epoch a run has; None: that it does not know the run any more."""
+    def asked_epoch(self, held: HeldRun) -> dict[str, Any]:
+        """What another bridge is told that asks for the epoch of a run: also how it has ended, where it has.
+
+        Raises:
+            RunRefused: this bridge was left out of the run itself, and does not know.
+        """
+        closed = held.closed
+        if closed is None:
+            return {"epoch": held.part.epoch}
+        if closed.outcome == ADOPTED:
+            raise self._is_over(held.part.run_id, closed)
+        reason = clipped(closed.reason, MOST_REASON_BYTES)
+        return {"epoch": held.part.epoch, "outcome": closed.outcome, "reason": reason}
+
+    def told_epoch(
+        self, sent: AskEpoch, epoch: int | None, now: float, *, outcome: str = "", reason: str = ""
+    ) -> list[Carry]:
+        """Another bridge says which epoch a run has; None: that it does not know the run any more.
+
+        Args:
+            sent: what it was asked.
+            epoch: what it says.
+            now: by the wall clock.
+            outcome: how the run is over there; empty where it goes on.
+            reason: why, then.
+        """
         held = self.runs.get(sent.run_id)
         if held is None or held.closed is not None:
             return []
-        held.asks.discard(sent.space)
         if epoch is None:
             reason = f"the bridge of space {sent.space} does not know it any more"
             return self._close(held, LOST, reason, sent.space, now)
         if epoch > held.part.epoch:
             reason = f"its token was adopted: the bridge of space {sent.space} has epoch {epoch} of it"
             return self._close(held, ADOPTED, reason, sent.space, now)
+        if outcome:
+            return self._close(held, outcome, reason, sent.space, now)
+        held.asks.discard(sent.space)
         return self._no_doubt(sent.run_id, now)
 
     def refused(self, sent: SendToken) -> None:
@@ -243,18 +290,16 @@ class Holder:
             way: what it has decided, where it ends with a decision.
         """
         held = self.runs.get(run_id)
-        if held is None or place in held.over or place not in held.begun:
+        if held is None or place not in held.begun:
             return []
-        known = held.values(place) | (results or {})
-        over = SegmentOver(now, run_id, place.number, failed, {} if failed else known, ends, place.rounds, way)
+        if place in held.over:
+            return self._unwritten(held, now)
+        values, why = {} if failed else held.values(place) | (results or {}), reason if ends else ""
+        over = SegmentOver(now, run_id, place.number, failed, values, ends, place.rounds, way, why)
         if not failed and (unfit := self._unfit(held, place, over)):
             over = replace(over, failed=unfit, results={})
         self._note(over)
-        if held.closed is not None:
-            return []
-        if ends:
-            return self._close(held, ends, reason, self._space, now)
-        return self._after(held, place, now)
+        return self._after(held, place, now) if held.closed is None else []
 
     def again(self, now: float) -> list[Carry]:
         """After a restart: what is to be begun, also of what the engine may have already.
@@ -270,19 +315,30 @@ class Holder:
     def _all_again(self, now: float) -> list[Carry]:
         effects: list[Carry] = []
         for held in list(self.runs.values()) if not self.in_doubt else ():
-            effects += self._again(held, now)
+            with suppress(StorageUnavailable):  # `poll` goes over it again
+                effects += self._again(held, now)
         return effects
+
+    def _unwritten(self, held: HeldRun, now: float) -> list[Carry]:
+        """What follows from the facts of a run, where one could not be written."""
+        if held.again_at is None:
+            return []
+        if self.in_doubt:  # the end of it has all gone over
+            held.again_at, self.problem = None, ""
+            return []
+        return self._again(held, now)
 
     def _no_doubt(self, run_id: str, now: float) -> list[Carry]:
         """It is known whether the token of a run was adopted: the last such run lets all go on."""
         if run_id not in self.in_doubt:
             return []
-        self.in_doubt.discard(run_id)
         if self.runs[run_id].closed is None:
             self._note(RunDoubted(now, run_id, False))
+        self.in_doubt.discard(run_id)
         return self._all_again(now)
 
     def _again(self, held: HeldRun, now: float) -> list[Carry]:
+        held.again_at, self.problem = None, ""
         if held.closed is not None:
             reason = held.closed.reason or held.closed.outcome
             return [Stop(held.part.run_id, held.active, reason)] if held.active else []
@@ -293,6 +349,12 @@ class Holder:
                 effects += self._after(held, place, now)
         return effects
 
+    def put_off(self, reason: str, now: float) -> None:
+        """The engine cannot write down what it was told: what follows from the facts is gone over again."""
+        self.problem = reason
+        for held in self.runs.values():
+            held.again_at = now + AGAIN_S
+
     # What is to be sent, and what came of it.
 
     def to_send(self) -> Iterator[Send]:
@@ -300,10 +362,9 @@ class Holder:
         for held in self.runs.values():
             closed = held.closed
             if closed is not None:
-                if closed.by == self._space:
-                    for space in held.part.spaces:
-                        if space not in held.told and space != self._space:
-                            yield SendEnd(held.part.run_id, space, closed.outcome, closed.reason)
+                reason = clipped(closed.reason, MOST_REASON_BYTES)
+                for space in held.untold(self._space):
+                    yield SendEnd(held.part.run_id, space, closed.outcome, reason)
                 continue
             is_in_doubt = held.part.run_id in self.in_doubt
             asked = held.part.spaces if is_in_doubt else sorted(held.asks)
@@ -332,15 +393,19 @@ class Holder:
         """Runs of which nothing has come for their lease are lost: what they have reserved is free."""
         effects: list[Carry] = []
         for held in list(self.runs.values()):
-            if held.may_be_lost and now >= held.heard + held.part.lease_s:
-                reason = f"nothing came of it for {held.part.lease_s:g} s"
-                effects += self._close(held, LOST, reason, self._space, now)
+            with suppress(StorageUnavailable):  # it is due again after AGAIN_S
+                if held.again_at is not None and now >= held.again_at:
+                    effects += self._unwritten(held, now)
+                if held.again_at is None and held.may_be_lost and now >= held.heard + held.part.lease_s:
+                    reason = f"nothing came of it for {held.part.lease_s:g} s"
+                    effects += self._close(held, LOST, reason, self._space, now)
         return effects
 
     def next_deadline(self) -> float | None:
         """When `poll` has something to do, by the wall clock, or None."""
         ends = [held.heard + held.part.lease_s for held in self.runs.values() if held.may_be_lost]
-        return min(ends, default=None)
+        again = [held.again_at for held in self.runs.values() if held.again_at is not None]
+        return min(ends + again, default=None)
 
     def reserved_for(self, robot: str, asking: int | None = None) -> str:
         """The run that keeps a robot from doing something for a space, or for people; empty where none does.
@@ -357,9 +422,7 @@ class Holder:
         over = [
             run_id
             for run_id, held in self.runs.items()
-            if held.closed is not None
-            and not held.active
-            and (held.closed.by != self._space or held.told | {self._space} >= set(held.part.spaces))
+            if held.closed is not None and not held.active and not held.untold(self._space)
         ]
         return over[: max(0, len(over) - MOST_KEPT)]
 
@@ -414,7 +477,8 @@ class Holder:
         over, effects = held.over[place], list[Carry]()
         roads = held.roads(place, over)
         if not roads:
-            return self._close(held, "failed" if over.failed else "done", over.failed, self._space, now)
+            outcome = over.ends or ("failed" if over.failed else "done")
+            return self._close(held, outcome, over.reason or over.failed, self._space, now)
         for road in roads:
             if road.space == self._space and (place, road.segment, road.slot) not in held.handed:
                 effects += self.take_token(held.token(place, over, road), self._space, now)
@@ -444,7 +508,13 @@ class Holder:
         return RunRefused(f"run {run_id} is over here: {closed.outcome}{closed.reason and f', {closed.reason}'}")
 
     def _note(self, fact: CarryFact) -> None:
-        self._journal(fact)
+        try:
+            self._journal(fact)
+        except StorageUnavailable as error:
+            if (held := self.runs.get(fact.run_id)) is not None:
+                held.again_at, self.problem = fact.at + AGAIN_S, str(error)
+            raise
+        self.problem = ""
         self._apply(fact)
 
     def _apply(self, fact: CarryFact) -> None:
@@ -458,25 +528,4 @@ class Holder:
                 if len(self._ended_before) > MOST_KEPT:
                     del self._ended_before[next(iter(self._ended_before))]
             return  # else it is of a run that was forgotten
-        held.heard = max(held.heard, fact.at)
-        match fact:
-            case TokenTaken():
-                names = {number: segment.needs for number, segment in held.part.segments.items()}
-                token = decode_token(bytes.fromhex(fact.content), names)
-                held.take(token)
-            case SegmentBegun():
-                held.begun[SegmentRound(fact.segment, fact.rounds)] = fact.at
-            case SegmentOver():
-                held.over[SegmentRound(fact.segment, fact.rounds)] = fact
-            case HandedOver():
-                held.handed.add((SegmentRound(fact.segment, fact.rounds), fact.target, fact.slot))
-            case RunClosed():
-                held.closed = fact
-            case EndTold():
-                held.told.add(fact.space)
-            case PauseTold():
-                held.pause = fact
-            case RunDoubted():
-                held.is_doubted = fact.is_doubted
-            case PartAdopted():
-                held.adopt(decode_adoption(bytes.fromhex(fact.content)), fact.at)
+        held.apply(fact)

@@ -12,6 +12,7 @@ import json
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from typing import Any, Final
 
 from ua_fleet.carrying.fragments import decode_step, encode_step
@@ -19,7 +20,7 @@ from ua_fleet.carrying.plan import Edge, Hearing, Plan, Segment
 from ua_fleet.carrying.token import HASH_BYTES, MOST_LOOPS, MOST_RUN_ID, WHOLE, SegmentRound
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario import Scenario, Value
-from ua_fleet.scenario.model import Sequence, Task
+from ua_fleet.scenario.model import End, Sequence, Task
 from ua_fleet.scenario.model import Step as ScenarioStep
 from ua_fleet.values import StatusCode
 
@@ -36,14 +37,14 @@ __all__ = [
     "segment_run",
 ]
 
-VERSION: Final = 2
+VERSION: Final = 3
 _DICTIONARY: Final = (
     b'"retries":1,"capacities":["mobile","grab"],"quantities":{"distance":[1.0,"m"]},"after":[""]},"on_unknown":"retry",'
     b'{"=":"angle"},{"key":"","line":0,"kind":"if","when":"","then":{"else":{"kind":"sequence","steps":[{"kind":"wait",'
     b'"parameters":{"limit":20.0},"segments":[{"n":1,"slots":2,"needs":[],"then":[[0,0,256,[]]],"fails":[1,255,256],'
     b'"fails":null,"steps":[]},{"n":1,"slots":1,"needs":[],"then":[],"fails":null,"steps":[{"kind":"task","key":"1",'
     b'"line":10,"name":"","skill":"","robot":"","arguments":{"to":""},"timeout_s":120.0,"on_unknown":"ask"}]},'
-    b'{"version":2,"run":"20260101-000000-","scenario":"","by":"operator","hash":"","epoch":1,"lease_s":1200.0,'
+    b'{"version":3,"run":"20260101-000000-","scenario":"","by":"operator","hash":"","epoch":1,"lease_s":1200.0,'
     b'"adopt_after_s":300.0,"spaces":[[256,257]],"parameters":{},"segments":[{"n":0,"slots":1,"needs":[],"then":[['
 )
 """Of zlib: what a part refers to in place of saying it, the frequent at its end. A change of it is a new version."""
@@ -52,6 +53,8 @@ MOST_PART_BYTES: Final = 32_000
 _MOST_SPACE: Final = 0xFFFF
 MOST_JSON_BYTES: Final = 1_000_000
 """Of what is in it."""
+UNREADABLE: Final = (zlib.error, LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError)
+"""What is raised by what others have sent where it is not what it should be."""
 
 
 class PartInvalid(ScenarioError):
@@ -130,6 +133,15 @@ class Part:
         bodies = [segment.body for segment in self.segments.values()]
         tasks = [step for body in bodies for step in Scenario("", body).steps() if isinstance(step, Task)]
         return frozenset([task.robot for task in tasks if task.robot is not None])
+
+    def tells(self) -> frozenset[int]:
+        """The spaces of the bridges that this one tells something: all of the run where it may end it."""
+        segments = self.segments.values()
+        steps = [step for segment in segments for step in Scenario("", segment.body).steps()]
+        may_end = any(segment.fails is None and not segment.tells for segment in segments)
+        if may_end or any(isinstance(step, End) for step in steps):
+            return frozenset(self.spaces)
+        return frozenset([road.space for segment in segments for road in segment.roads])
 
 
 def segment_run(run_id: str, place: SegmentRound) -> str:
@@ -271,7 +283,7 @@ def decode_part(content: bytes) -> Part:
         if data["version"] != VERSION:
             raise PartInvalid(f"a part of version {data['version']!r}; this program reads version {VERSION}")
         return _part(data)
-    except (zlib.error, KeyError, TypeError, ValueError, AttributeError, RecursionError, IndexError) as error:
+    except UNREADABLE as error:
         raise PartInvalid(f"a part of a plan cannot be read: {error!r}") from error
 
 
@@ -279,6 +291,9 @@ def _part(data: Any) -> Part:
     run_id, plan_hash = str(data["run"]), bytes.fromhex(data["hash"])
     if len(plan_hash) != HASH_BYTES or not run_id.isascii() or not 0 < len(run_id) <= MOST_RUN_ID:
         raise PartInvalid("a part has a hash or a run id of another length")
+    lease_s, adopt_after_s = float(data["lease_s"]), float(data["adopt_after_s"])
+    if not 0 < lease_s < inf or not 0 <= adopt_after_s < inf:
+        raise PartInvalid(f"a part has a lease of {lease_s} s, and a bridge asks after {adopt_after_s} s")
     segments = {int(one["n"]): _segment(one) for one in data["segments"]}
     return Part(
         run_id,
@@ -286,8 +301,8 @@ def _part(data: Any) -> Part:
         str(data["by"]),
         plan_hash,
         int(data["epoch"]),
-        float(data["lease_s"]),
-        float(data["adopt_after_s"]),
+        lease_s,
+        adopt_after_s,
         _spaces(data["spaces"]),
         dict(data["parameters"]),
         segments,

@@ -42,7 +42,8 @@ class Word(IntEnum):
     ADOPT = 8
     """The server says that a bridge is off, and gives this one its part anew. The answer has the tokens here."""
     EPOCH = 9
-    """A bridge that was away asks another one for the epoch of a run: `run`. The answer has `epoch`."""
+    """A bridge that was away asks another one for the epoch of a run: `run`. The answer has `epoch`; and
+    `outcome` and `reason`, where the run is over there."""
     CONFIRM = 7
     """A person chooses through the server who takes a task over: `run`, `decision`, `robot` and `by`."""
 

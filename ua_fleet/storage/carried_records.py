@@ -70,6 +70,10 @@ class CarriedRecords:
         """Have all that is written within synced once, before anything of it leaves the process; see Database."""
         return self._database.one_sync()
 
+    def settle(self) -> None:
+        """Have all that was written on the disk when this returns."""
+        self._database.settle()
+
     def note(self, fact: CarryFact) -> None:
         """Write a fact down."""
         statement = "INSERT INTO carried (run_id, line) VALUES (?, ?)"

@@ -33,9 +33,10 @@ from ua_fleet.carrying.adoption import (
     plan_without,
     proved_over,
 )
-from ua_fleet.carrying.facts import CarryFact, RunClosed, decode_carry_fact, encode_carry_fact
-from ua_fleet.carrying.holder import ADOPTED, LOST
+from ua_fleet.carrying.facts import CarryFact, RunClosed, RunDoubted, decode_carry_fact, encode_carry_fact
+from ua_fleet.carrying.holder import ADOPTED, AGAIN_S, LOST
 from ua_fleet.carrying.part import PartInvalid, PartSegment
+from ua_fleet.errors import StorageUnavailable
 from ua_fleet.scenario.facts import (
     Fact,
     IterationStarted,
@@ -307,3 +308,83 @@ def test_what_the_head_of_a_repetition_has_decided_is_adopted() -> None:
     assert adopted_places(behind(300)[HEAD], heard, [], 9.0, "anna") == {
         SegmentRound(HEAD, (number,)): [fact] for number, fact in enumerate(heard)
     }
+
+
+def test_a_doubt_whose_end_could_not_be_written_goes_on_until_it_is() -> None:
+    bridge = Bridge(301)
+    bridge.holder.take_token(token(1), 300, 1.0)
+    refused = [RunDoubted(0.0, "run", False)]
+
+    def write(fact: CarryFact) -> None:
+        if refused and isinstance(fact, RunDoubted) and fact.is_doubted == refused[0].is_doubted:
+            refused.clear()
+            raise StorageUnavailable("the disk is full")
+        bridge.facts.append(fact)
+
+    late = Holder(301, write, list(bridge.facts))
+    late.again(50.0)
+    asked = AskEpoch("run", 300)
+    with pytest.raises(StorageUnavailable):
+        late.told_epoch(asked, 1, 51.0)
+    assert late.next_deadline() == 51.0 + AGAIN_S
+    assert late.poll(52.0) == [], "it is not known to the disk yet"
+    assert list(late.to_send()) == [asked]
+    assert [type(one) for one in late.told_epoch(asked, 1, 53.0)] == [Begin]
+    assert [type(one) for one in bridge.again().again(54.0)] == [Begin]
+
+
+def test_a_bridge_that_cannot_write_that_it_was_adopted_asks_again() -> None:
+    bridge = Bridge(300)
+    bridge.holder.take_token(token(0), 0, 1.0)
+    bridge.holder.segment_ended("run", SegmentRound(0), 2.0, results={"one.out": 5.0})
+    refused = [RunClosed]
+
+    def write(fact: CarryFact) -> None:
+        if refused and isinstance(fact, refused[0]):
+            refused.clear()
+            raise StorageUnavailable("the disk is full")
+
+    holder = Holder(300, write, list(bridge.facts))
+    (sent,) = holder.to_send()
+    assert isinstance(sent, SendToken)
+    holder.refused(sent)
+    asked = AskEpoch("run", 301)
+    with pytest.raises(StorageUnavailable):
+        holder.told_epoch(asked, 2, 3.0)
+    assert asked in list(holder.to_send())
+    holder.told_epoch(asked, 2, 4.0)
+    assert list(holder.to_send()) == []
+
+
+def test_a_bridge_that_was_away_hears_that_the_run_is_over() -> None:
+    bridge, other = Bridge(301), Bridge(300)
+    bridge.holder.take_token(token(1), 300, 1.0)
+    other.holder.take_end("run", "aborted", "enough", 0, 2.0)
+    late = bridge.again()
+    assert late.again(50.0) == []
+    told = other.holder.asked_epoch(other.holder.runs["run"])
+    assert told == {"epoch": 1, "outcome": "aborted", "reason": "enough"}
+    (stop,) = late.told_epoch(AskEpoch("run", 300), told.pop("epoch"), 51.0, **told)
+    assert stop == Stop("run", (SegmentRound(1),), "enough")
+    for holder in (late, bridge.again()):
+        closed = holder.runs["run"].closed
+        assert closed is not None
+        assert (closed.outcome, closed.reason, closed.by) == ("aborted", "enough", 300)
+        assert list(holder.to_send()) == [], "who has ended it tells the others"
+
+
+def test_a_bridge_that_was_left_out_itself_does_not_say_that_another_one_was_not() -> None:
+    bridge, other = Bridge(301), Bridge(300)
+    assert other.holder.asked_epoch(other.holder.runs["run"]) == {"epoch": 1}
+    late = other.again()
+    late.again(50.0)
+    late.told_epoch(AskEpoch("run", 301), 2, 51.0)
+    with pytest.raises(RunRefused, match="is over here: adopted"):
+        late.asked_epoch(late.runs["run"])
+    bridge.holder.take_token(token(1), 300, 1.0)
+    bridge.holder.segment_ended("run", SegmentRound(1), 2.0)
+    (sent,) = bridge.holder.to_send()
+    assert isinstance(sent, SendToken)
+    bridge.holder.refused(sent)
+    bridge.holder.take_adoption(adoption(301, 300), 20.0)
+    assert list(bridge.holder.to_send()) == [], "it asks until it knows, and no longer"

@@ -17,17 +17,20 @@ from ua_fleet.carrying import (
     SendEnd,
     SendToken,
     Stop,
-    Tell,
     Token,
-    decode_token,
     encode_part,
     encode_token,
     parts_of,
 )
-from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
+from ua_fleet.carrying.facts import (
+    CarryFact,
+    decode_carry_fact,
+    encode_carry_fact,
+)
+from ua_fleet.carrying.holder import LOST
 from ua_fleet.carrying.part import PartInvalid
-from ua_fleet.carrying.plan import MailSlot
 from ua_fleet.carrying.token import TokenInvalid
+from ua_fleet.carrying.words import decode_words, encode_words
 
 PLAN = plan(task("one", "a"), task("two", "b", arguments={"x": "=one.out"}), task("three", "a"))
 
@@ -227,118 +230,38 @@ def test_a_paused_run_is_not_lost_and_one_that_is_over_or_unknown_is_not_paused(
         bridge.holder.take_pause("other", True, "anna", 4.0)
 
 
-LOOP = plan(task("first", "a"), {"repeat": [task("one", "a"), task("two", "b")], "times": 1_000_000})
-HEAD = next(number for number, one in enumerate(LOOP.segments) if one.loops)
-MINE = next(number for number, one in enumerate(LOOP.segments) if one.loops and one.space == 301)
+def test_an_end_is_said_also_where_its_reason_is_long(bridge: Bridge) -> None:
+    last = Bridge(300)
+    last.take_part()
+    last.holder.take_token(last.token(2), 301, 1.0)
+    last.holder.segment_ended("run", SegmentRound(2), 2.0, failed="é\x00" * 5000)
+    (sent,) = last.holder.to_send()
+    assert isinstance(sent, SendEnd)
+    words = decode_words(encode_words(run=sent.run_id, outcome=sent.outcome, reason=sent.reason))
+    assert bridge.holder.take_end(words["run"], words["outcome"], words["reason"], 300, 3.0) == []
+    closed = bridge.holder.runs["run"].closed
+    assert closed is not None
+    assert closed.outcome == "failed"
+    assert closed.reason.startswith("é\x00é")
+    told = decode_words(encode_words(**last.holder.asked_epoch(last.holder.runs["run"])))
+    assert told == {"epoch": 1, "outcome": "failed", "reason": closed.reason}
 
 
-def round_token(number: int) -> bytes:
-    made = parts_of(LOOP, "run", "made", {}, "anna")[301]
-    return encode_token(Token("run", made.plan_hash, 1, MINE, 0, rounds=(number,)), ())
-
-
-def looping() -> Bridge:
+def test_that_a_run_is_lost_is_told_to_those_alone_that_take_something_from_the_bridge() -> None:
+    away = plan(task("one", "a"), task("two", "b"), task("three", "c"))
     bridge = Bridge()
-    bridge.parts = parts_of(LOOP, "run", "made", {}, "anna")
-    bridge.take_part()
-    return bridge
-
-
-def test_a_segment_is_begun_once_in_each_round_and_its_token_is_for_the_next_one() -> None:
-    bridge = looping()
-    for number in range(3):
-        (begun,) = bridge.holder.take_token(round_token(number), 300, 1.0)
-        assert isinstance(begun, Begin)
-        assert (begun.segment.number, begun.rounds) == (MINE, (number,))
-        assert bridge.holder.take_token(round_token(number), 300, 1.5) == []
-        assert bridge.again().take_token(round_token(number), 300, 1.5) == []
-        bridge.holder.segment_ended("run", SegmentRound(MINE, (number,)), 2.0)
-        (sent,) = bridge.holder.to_send()
-        assert isinstance(sent, SendToken)
-        assert decode_token(sent.content).place == SegmentRound(HEAD, (number + 1,))
-        bridge.holder.handed_over(sent, 3.0)
-
-
-def test_a_token_of_a_round_that_is_over_is_acknowledged_and_begins_nothing() -> None:
-    bridge = looping()
-    bridge.holder.take_token(round_token(7), 300, 1.0)
-    count = len(bridge.facts)
-    assert bridge.holder.take_token(round_token(6), 300, 2.0) == []
-    assert len(bridge.facts) == count
-
-
-def test_what_a_bridge_knows_of_a_run_does_not_grow_with_its_rounds() -> None:
-    bridge = looping()
-    for number in range(300):
-        bridge.holder.take_token(round_token(number), 300, 1.0)
-        bridge.holder.segment_ended("run", SegmentRound(MINE, (number,)), 2.0)
-        for sent in list(bridge.holder.to_send()):
-            assert isinstance(sent, SendToken)
-            bridge.holder.handed_over(sent, 3.0)
-    for held in (bridge.holder.runs["run"], bridge.again().runs["run"]):
-        assert max(len(held.tokens), len(held.begun), len(held.over), len(held.handed)) <= 2
-
-
-def test_what_was_not_handed_over_of_a_round_before_is_still_said() -> None:
-    bridge = looping()
-    bridge.holder.take_token(round_token(0), 300, 1.0)
-    bridge.holder.segment_ended("run", SegmentRound(MINE, (0,)), 2.0)
-    bridge.holder.take_token(round_token(1), 300, 3.0)
-    assert [sent.source for sent in bridge.holder.to_send() if isinstance(sent, SendToken)] == [
-        SegmentRound(MINE, (0,))
-    ]
-
-
-WAITING = plan(
-    {
-        "parallel": [
-            [task("one", "a"), task("two", "a")],
-            [task("three", "b", after=["one"], arguments={"x": "=one.out"})],
-        ]
-    }
-)
-MAILBOX = next(number for number, one in enumerate(WAITING.segments) if one.tells)
-ONE = next(number for number, one in enumerate(WAITING.segments) if one.lost)
-HEARING = next(number for number, one in enumerate(WAITING.segments) if one.hears)
-
-
-def mail(slot: MailSlot, value: float = 0.0) -> bytes:
-    made = parts_of(WAITING, "run", "made", {}, "anna")[301]
-    values = {"one.out": value} if slot is MailSlot.DONE else {}
-    return encode_token(Token("run", made.plan_hash, 1, MAILBOX, slot, "", values), list(values))
-
-
-@pytest.mark.parametrize("is_before", [True, False])
-def test_what_comes_to_a_mailbox_is_told_to_who_hears_it(is_before: bool) -> None:
-    bridge = Bridge()
-    bridge.parts = parts_of(WAITING, "run", "made", {}, "anna")
-    bridge.take_part()
-    begins = encode_token(Token("run", bridge.parts[301].plan_hash, 1, HEARING, 0), ())
-    tell = Tell("run", SegmentRound(HEARING), "one", True, {"out": 4.0})
-    if is_before:
-        assert bridge.holder.take_token(mail(MailSlot.DONE, 4.0), 300, 1.0) == []
-        begun, told = bridge.holder.take_token(begins, 300, 2.0)
-    else:
-        (begun,) = bridge.holder.take_token(begins, 300, 1.0)
-        (told,) = bridge.holder.take_token(mail(MailSlot.DONE, 4.0), 300, 2.0)
-    assert isinstance(begun, Begin)
-    assert begun.outside == ("one",)
-    assert told == tell
-    assert bridge.holder.take_token(mail(MailSlot.LOST), 300, 3.0) == [tell], "it was done before its branch failed"
-    assert [one for one in bridge.again().again(4.0) if isinstance(one, Tell)] == [tell]
-
-
-def test_a_branch_that_fails_says_that_what_others_wait_for_will_not_be_done() -> None:
-    bridge = Bridge(300)
-    bridge.parts = parts_of(WAITING, "run", "made", {}, "anna")
-    bridge.take_part()
-    first = encode_token(Token("run", bridge.parts[300].plan_hash, 1, 0, 0), ())
-    bridge.holder.take_token(first, 0, 1.0)
-    bridge.holder.segment_ended("run", SegmentRound(0), 2.0)
-    bridge.holder.segment_ended("run", SegmentRound(ONE), 3.0, failed="no part there")
-    sent = [one for one in bridge.holder.to_send() if isinstance(one, SendToken) and one.road.segment == MAILBOX]
-    assert [one.road.slot for one in sent] == [MailSlot.LOST]
-    waiting = Bridge()
-    waiting.parts = bridge.parts
-    waiting.take_part()
-    assert waiting.holder.take_token(sent[0].content, 300, 4.0) == []
+    for number in range(60):
+        bridge.parts = parts_of(away, f"run{number}", "made", {}, "anna")
+        bridge.take_part()
+    assert bridge.parts[301].tells() == {302}
+    assert bridge.parts[302].tells() == {300, 301, 302}, "the last one tells all"
+    bridge.holder.poll(1e9)
+    told = list(bridge.holder.to_send())
+    assert {(sent.space, sent.outcome) for sent in told if isinstance(sent, SendEnd)} == {(302, LOST)}
+    assert len(told) == 60
+    assert bridge.holder.forgettable() == []
+    for sent in told:
+        assert isinstance(sent, SendEnd)
+        bridge.holder.end_told(sent, 1e9)
+    assert list(bridge.holder.to_send()) == []
+    assert bridge.holder.forgettable() == [f"run{number}" for number in range(10)]

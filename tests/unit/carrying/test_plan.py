@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from ua_fleet.carrying import PlanView, decode_part, encode_part, parts_of, split
+from ua_fleet.carrying.adoption import Adoption, FilledSlot, decode_adoption, encode_adoption
 from ua_fleet.carrying.fragments import FragmentInvalid, decode_step, encode_step
 from ua_fleet.carrying.part import _DICTIONARY, PartInvalid, Road, _json  # pyright: ignore[reportPrivateUsage]
 from ua_fleet.carrying.plan import Edge, Hearing, MailSlot, Plan
@@ -281,3 +282,24 @@ def test_spaces_that_there_are_not_are_refused(spaces: Any) -> None:
     deflating = zlib.compressobj(zdict=_DICTIONARY)
     with pytest.raises(PartInvalid):
         decode_part(deflating.compress(json.dumps(data).encode()) + deflating.flush())
+
+
+@pytest.mark.parametrize("number", ["Infinity", "-Infinity", "NaN", "1e999"])
+@pytest.mark.parametrize("key", ["epoch", "lease_s", "adopt_after_s", "n"])
+def test_a_part_with_a_number_that_is_none_is_refused(key: str, number: str) -> None:
+    text = _json(parts_of(plan(task("one", "a")), "run", "made", {}, "anna")[300]).decode()
+    changed, count = re.subn(rf'"{key}":[0-9.]+', f'"{key}":{number}', text)
+    assert count == 1
+    deflating = zlib.compressobj(9, zdict=_DICTIONARY)
+    with pytest.raises(PartInvalid):
+        decode_part(deflating.compress(changed.encode()) + deflating.flush())
+
+
+@pytest.mark.parametrize("key", ["gone", "filled"])
+def test_an_adoption_with_a_number_that_is_none_is_refused(key: str) -> None:
+    part = parts_of(plan(task("one", "a")), "run", "made", {}, "anna")[300]
+    made = Adoption(part, 301, "anna", (FilledSlot(0, 0, "", {}),))
+    data = json.loads(zlib.decompress(encode_adoption(made, encode_part(part))))
+    data[key] = float("inf") if key == "gone" else [[float("inf"), *data[key][0][1:]]]
+    with pytest.raises(PartInvalid):
+        decode_adoption(zlib.compress(json.dumps(data).encode()))

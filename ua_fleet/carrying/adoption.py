@@ -81,10 +81,13 @@ def plan_without(plan: Plan, gone: int, heir: int) -> Plan:
     return replace(plan, segments=tuple(segments))
 
 
-def heir_of(plan: Plan, gone: int, view: PlanView) -> int | None:
-    """The first bridge of a plan that can take the place of one: those that hand it tokens may, and it may theirs."""
+def heir_of(plan: Plan, gone: int, view: PlanView, away: Collection[int] = ()) -> int | None:
+    """The first bridge of a plan that can take the place of one: those that hand it tokens may, and it may theirs.
+
+    Bridges that are `away` cannot.
+    """
     for heir in plan.spaces:
-        if heir != gone and not missing_requestors(plan_without(plan, gone, heir), view.requestors):
+        if heir not in (gone, *away) and not missing_requestors(plan_without(plan, gone, heir), view.requestors):
             return heir
     return None
 

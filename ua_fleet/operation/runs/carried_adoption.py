@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 
 from ua_fleet.carrying import Part, Plan, PlanView, parts_of, split
-from ua_fleet.carrying.adoption import adopted_places, heir_of, plan_without
+from ua_fleet.carrying.adoption import adopted_places, begun_slots, heir_of, plan_without
 from ua_fleet.config.connections import connection_numbers
 from ua_fleet.config.relays import speakers_on
 from ua_fleet.config.schema import FleetConfig
@@ -133,9 +133,7 @@ class Adoptions:
         if run.phase is not CarriedPhase.FOLLOWING or len(run.bridges) == 1:
             return ""
         if any(self._is_silent(run, other) for other in run.bridges if other != space):
-            return (
-                f"{silent}; one bridge can be left out while the others answer: start them, or abort it: {abort}"
-            )
+            return f"{silent}; one bridge can be left out while the others answer: start them, or abort it: {abort}"
         return (
             f"{silent}; if it is off for good, see what its robots have done, and"
             f" have another bridge go on: ua-fleet scenario adopt {run.run_id} {name} --off"
@@ -188,15 +186,20 @@ class Adoptions:
 
         if any(part.plan_hash.hex() != carried.plan_hash for part in parts(plan, 1).values()):
             raise ScenarioError(f"the fleet has changed since run {run_id} began, so that its plan is another one now")
-        plan, epoch = self._plan_now(plan, facts)
+        first, (plan, epoch) = plan, self._plan_now(plan, facts)
         before = parts(plan, epoch)
+        # Of segments that were adopted before, facts may be of a bridge that is off.
+        others = [one for space, part in before.items() if space != said.space for one in part.segments.values()]
+        own = [one for one in others if first.segments[one.number].space == plan.segments[one.number].space]
         state = RunState()
         for fact in facts:
             state.apply(fact)
-        segments = {
-            str(place): tuple([encode_fact(fact) for fact in known])
-            for one in before[said.space].segments.values()
-            for place, known in adopted_places(one, facts, said.done, said.at, said.by).items()
+        segments = before[said.space].segments
+        known = {
+            place: tuple([encode_fact(fact) for fact in adopted])
+            for one in segments.values()
+            for place, adopted in adopted_places(one, facts, said.done, said.at, said.by).items()
         }
         results = {f"{task}.{name}": value for task, given in state.results.items() for name, value in given.items()}
-        return Adopting(said, parts(plan_without(plan, said.space, said.heir), epoch + 1), results, segments)
+        new = parts(plan_without(plan, said.space, said.heir), epoch + 1)
+        return Adopting(said, new, results, segments, known, begun_slots(own, facts))

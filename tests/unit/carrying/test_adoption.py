@@ -310,7 +310,10 @@ def rounds_of(count: int) -> list[Fact]:
         for key in (one, two):
             step, is_last = f"{key}@{number}", (key, number) == (two, count - 1)
             facts.append(replace(ASSIGNED, step=step, execution_id=blake2b(step.encode(), digest_size=16).hexdigest()))
-            ended = [TaskOver(3.0, step, 1, TaskOutcome.DONE, Then.DONE), StepEnded(3.0, step, StepState.DONE)]
+            ended: list[Fact] = [
+                TaskOver(3.0, step, 1, TaskOutcome.DONE, Then.DONE),
+                StepEnded(3.0, step, StepState.DONE),
+            ]
             facts += [] if is_last else ended
     return facts
 

@@ -38,6 +38,7 @@ _COMPUTE: Final = (
 """How files begin that compute for more than half of their time."""
 _NETWORK: Final = ("tests/integration/ros1/test_cut_off.py", "tests/integration/transport/test_udp")
 """How files begin that make and take away interfaces of the machine, for which a browser gives up what it loads."""
+_BROWSERS: Final = "tests/console/"
 _SHORTEST_S: Final = 3.0
 """Of what is recorded."""
 
@@ -66,7 +67,13 @@ def in_order(units: Iterable[str]) -> list[str]:
     Those that change the network come when all that is longer is under way, and so all that has a browser.
     """
     known = durations()
-    return sorted(units, key=lambda unit: -(_SHORTEST_S if unit.startswith(_NETWORK) else known.get(unit, 0.0)))
+
+    def seconds(unit: str) -> float:
+        if unit.startswith(_NETWORK):
+            return _SHORTEST_S
+        return known.get(unit, 2 * _SHORTEST_S if unit.startswith(_BROWSERS) else 0.0)
+
+    return sorted(units, key=lambda unit: -seconds(unit))
 
 
 class KindScheduling(LoadScopeScheduling):  # type: ignore[misc]

@@ -42,7 +42,9 @@ from ua_fleet.carrying.adoption import (
     Adoption,
     FilledSlot,
     adopted_places,
+    begun_slots,
     encode_adoption,
+    needed_places,
     plan_without,
 )
 from ua_fleet.carrying.effects import Carry, fact_before
@@ -439,29 +441,43 @@ class Off:
             self.plan = plan_without(plan, self.space, self.heir)
             adopt_after_s = 0.0 if world.no_epoch else ADOPT_S
             self.parts = parts_of(self.plan, RUN, "made", {}, "x", adopt_after_s=adopt_after_s, epoch=self.epoch)
+            self.segments = parts[self.space].segments
             self.facts = self._facts(victim, parts[self.space])
+            self.begun = self._begun(parts)
         for space, part in self.parts.items():
             if space != self.heir and space not in self.filled:
                 self._tell(world.bridges[space], Adoption(part, self.space, "x"))
         if not self.is_done and self.filled.keys() >= self.parts.keys() - {self.heir}:
             filled = tuple([one for slots in self.filled.values() for one in slots])
             results = {f"{one.task}.out": one.result for one in world.robots.begun if not one.fails}
-            adoption = Adoption(self.parts[self.heir], self.space, "x", filled, dict(results), self.facts)
+            facts = needed_places(self.segments, self.facts, (*filled, *self.begun))
+            adoption = Adoption(self.parts[self.heir], self.space, "x", filled, dict(results), facts)
             self._tell(world.bridges[self.heir], adoption)
         if world.now > self.adopted + 300.0:
             world.is_closing = True
 
-    def _facts(self, victim: Bridge, part: Part) -> dict[str, tuple[str, ...]]:
+    def _begun(self, parts: Mapping[int, Part]) -> list[FilledSlot]:
+        """What the server has fetched of the others says of their tokens."""
+        random, found = Random(f"fetched {self.world.seed} {self.epoch}"), list[FilledSlot]()
+        for space in self.parts:
+            own = [one for one in parts[space].segments.values() if self.world.plan.segments[one.number].space == space]
+            lines = [line for one in self.world.bridges[space].segments.values() for line in one]
+            fetched = [decode_fact(line) for line in lines]
+            fetched.sort(key=lambda fact: fact.at)
+            found += begun_slots(own, fetched[: random.choice((random.randint(0, len(fetched)), len(fetched)))])
+        return found
+
+    def _facts(self, victim: Bridge, part: Part) -> dict[SegmentRound, tuple[str, ...]]:
         """What the server has fetched before it was off, which may not be all; and what robots have done in truth."""
         done = [one.step for one in self.world.robots.begun if not one.fails]
         fetched: list[Fact] = []
         for lines in victim.segments.values():
             fetched += [decode_fact(line) for line in lines[: self.random.randint(0, len(lines))]]
         fetched.sort(key=lambda fact: fact.at)
-        facts: dict[str, tuple[str, ...]] = {}
+        facts: dict[SegmentRound, tuple[str, ...]] = {}
         for segment in part.segments.values():
             for place, said in adopted_places(segment, fetched, done, self.world.now, "x").items():
-                facts[str(place)] = tuple([encode_fact(fact) for fact in said])
+                facts[place] = tuple([encode_fact(fact) for fact in said])
         return facts
 
     def _tell(self, bridge: Bridge, adoption: Adoption) -> None:

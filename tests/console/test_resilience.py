@@ -195,6 +195,43 @@ def test_a_person_ends_the_run_in_place_of_choosing(open_page: Open, picture: Pi
     expect(page.get_by_text("No decision is open.")).to_be_visible()
 
 
+def test_what_was_tried_last_is_not_asked_of_the_decision_that_is_opened_next(open_page: Open) -> None:
+    page = open_page("operator", PLACE)
+    ask(page, "fault.raise", robot="left", reason="the welding tip is worn")
+    for number in (1, 2):
+        ask(page, "scenario.run", scenario="long")
+        expect(page.get_by_role("link", name="a, instead of left").filter(has_text="open")).to_have_count(number)
+    links = page.get_by_role("link", name="a, instead of left").filter(has_text="open")
+    links.first.click()
+    page.get_by_role("slider", name="battery or load").focus()
+    asked: list[str] = []
+    page.on("request", lambda sent: asked.append(sent.post_data or ""))
+    opened = links.last.get_attribute("href")
+    assert opened is not None
+    page.evaluate(
+        """async (href) => {
+          const slider = document.activeElement;
+          slider.value = Number(slider.value) + (Number(slider.value) > 0 ? -1 : 1);
+          slider.dispatchEvent(new Event('input', {bubbles: true}));
+          slider.dispatchEvent(new Event('change', {bubbles: true}));
+          location.hash = href.slice(href.indexOf('#'));
+        }""",
+        opened,
+    )
+    expect(links.last).to_have_attribute("aria-current", "true")
+    expect(page.get_by_role("slider")).to_have_attribute("aria-valuetext", "Both count the same")
+    page.wait_for_timeout(1000)
+    assert "battery/load" in str(page.evaluate("sessionStorage.getItem('ua-fleet.tried')")), "it was tried"
+    assert [one for one in asked if "battery/load" in one] == []
+    for _ in range(2):
+        page.get_by_role("button", name="Abort the run…").click()
+        page.get_by_role("dialog").get_by_label("Reason").fill("enough")
+        page.keyboard.press("Enter")
+        expect(page.get_by_role("dialog")).to_be_hidden()
+        page.get_by_role("navigation", name="Pages").get_by_role("link", name="Resilience").click()
+    expect(page.get_by_text("No decision is open.")).to_be_visible()
+
+
 def test_what_was_tried_is_gone_with_the_login(open_page: Open, console: Console) -> None:
     page = open_page("operator", PLACE)
     ask(page, "fault.raise", robot="left", reason="the welding tip is worn")

@@ -22,6 +22,7 @@ from ua_fleet.bridge.carry import CarryFactory, CarryGround
 from ua_fleet.bridge.immediate import ImmediateActions
 from ua_fleet.carrier.engine import INSTANCE, SegmentEnd, SegmentEngine
 from ua_fleet.carrier.outbox import Outbox
+from ua_fleet.carrier.pages import FactPages
 from ua_fleet.carrier.watching import RunWatch
 from ua_fleet.carrying import Begin, Gone, Holder, Pause, RunRefused, Tell, segment_of, segment_run
 from ua_fleet.carrying.adoption import decode_adoption, encode_filled
@@ -37,7 +38,7 @@ from ua_fleet.operation.runs.decision_words import encode_decision
 from ua_fleet.orchestrator import DecisionChanged
 from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, CARRY_REQUEST, CARRY_RESPONSE, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, SubscriberEvent
-from ua_fleet.scenario.facts import Fact, RunClosing, RunEnded, RunOutcome, decode_fact, encode_fact
+from ua_fleet.scenario.facts import Fact, RunClosing, RunEnded, RunOutcome, decode_fact
 from ua_fleet.skill.executions import RequestorName, pack
 from ua_fleet.storage.carried_records import CARRIED_FILE, CarriedRecords
 from ua_fleet.topics import SERVER_SPACE
@@ -49,8 +50,6 @@ from ua_fleet.wire.security import read_security
 __all__ = ["carrier_of"]
 
 REQUESTS_AT_ONCE: Final = 64
-PAGE_BYTES: Final = 24_000
-"""Facts of one answer to the server, before they are compressed."""
 MOST_DECISIONS: Final = 8
 """Of one run, about who takes a task over, that the server is told of: the last ones."""
 _BYTES: Final = (int(BuiltinType.BYTE_STRING),)
@@ -97,8 +96,7 @@ class _Carrier:
         self._records: CarriedRecords | None = None
         self._holder = Holder(self._space, self._note)
         self._engine: SegmentEngine | None = None
-        self._pages: dict[str, list[str]] = {}
-        """The facts of each run here, as the server fetches them."""
+        self._pages = FactPages(self._open)
         spaces = {bridge.space: each for each, bridge in config.bridges.items()}
         self._decisions: dict[str, dict[str, DecisionChanged]] = {}
         """The last ones of each run about who takes a task over, by their ids."""
@@ -160,9 +158,8 @@ class _Carrier:
         self._ground.actions.reserved_for = self._holder.reserved_for
         self._leave_out(records)
         for run_id in self._holder.runs:
-            facts = [fact for segment in records.segments_of(run_id) for fact in records.runs.facts(segment)]
-            self._pages[run_id] = [encode_fact(fact) for fact in facts]
-            self._watch.restored(run_id, facts)
+            for segment in records.segments_of(run_id):
+                self._watch.restored(run_id, records.runs.facts(segment))
         effects = self._holder.again(self._wall_s())
         for run_id, held in self._holder.runs.items():
             asks_all = run_id in self._holder.in_doubt
@@ -191,6 +188,8 @@ class _Carrier:
         begun = [(run_id, fact_before(one, self._wall_s())) for run_id, one in segments if records.runs.facts(run_id)]
         if begun:
             records.runs.write(begun)
+        for run_id, fact in begun:
+            self._happened(run_id, fact)
         engine = self._engine_now(now)
         self._do(effects)
         for ended in engine.ended:
@@ -343,16 +342,11 @@ class _Carrier:
         """The facts that the server has not, as far as one answer has room, and how the run is here."""
         run_id, after = str(words.get("run", "")), int(words.get("after", 0))
         held = self._held(run_id)
-        lines, page, size = self._pages.get(run_id, []), list[str](), 0
-        for line in lines[max(0, after) :]:
-            size += len(line.encode())
-            if page and size > PAGE_BYTES:
-                break
-            page.append(line)
+        page = self._pages.after(run_id, max(0, after))
         closed = held.closed
         told = {
-            "facts": page,
-            "count": len(lines),
+            "facts": page.lines,
+            "count": max(0, after) + len(page.lines) + (not page.is_last),
             "active": [str(place) for place in held.active],
             "waits": self._outbox.waits(run_id) or held.stale,
             "closed": None if closed is None else [closed.at, closed.outcome, closed.reason],
@@ -407,7 +401,6 @@ class _Carrier:
 
     def _happened(self, segment: str, fact: Fact) -> None:
         run_id = segment.rpartition(".")[0]
-        self._pages.setdefault(run_id, []).append(encode_fact(fact))
         self._watch.happened(run_id, fact)
 
     def _decided(self, changed: DecisionChanged) -> None:
@@ -474,7 +467,7 @@ class _Carrier:
                 self._engine.forget(records.segments_of(run_id))
             records.forget(run_id)
             self._holder.forget(run_id)
-            self._pages.pop(run_id, None)
+            self._pages.forget(run_id)
             self._decisions.pop(run_id, None)
             self._watch.forget(run_id)
         self._watch.look(self._holder)

@@ -19,7 +19,7 @@ from ua_fleet.errors import LocalWireError
 from ua_fleet.orchestrator import DecisionChanged
 from ua_fleet.pubsub.run_data import RUN_DATA_FIELDS, run_data_topic
 from ua_fleet.resilience import Aborted
-from ua_fleet.scenario.facts import Fact, TaskAssigned, TaskOver
+from ua_fleet.scenario.facts import Fact, StepEnded, TaskAssigned, TaskOver
 
 __all__ = ["FLUSH_S", "RunWatch"]
 
@@ -40,7 +40,7 @@ class _Watched:
     hands_to: tuple[int, ...] = ()
     outcome: str = ""
     tasks: dict[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
-    """Name and robot of each task by its step."""
+    """Name and robot of each task by its step, until the step has ended: rounds have steps of their own."""
     changed: list[tuple[str, str, str]] = field(default_factory=list[tuple[str, str, str]])
     """Task, robot and state of what has begun or ended since the last message."""
     message: str = ""
@@ -49,6 +49,14 @@ class _Watched:
     is_new: bool = False
     since: float = 0.0
     """Since when, by the clock of the loop."""
+
+    def take(self, fact: Fact) -> None:
+        """Count a fact, and know whose step it is."""
+        self.facts += 1
+        if isinstance(fact, TaskAssigned):
+            self.tasks[fact.step] = fact.task, fact.robot
+        elif isinstance(fact, StepEnded):
+            self.tasks.pop(fact.step, None)
 
 
 class RunWatch:
@@ -74,9 +82,8 @@ class RunWatch:
     def happened(self, run_id: str, fact: Fact) -> None:
         """A fact of a segment is written down."""
         watched = self._runs.setdefault(run_id, _Watched())
-        watched.facts += 1
+        watched.take(fact)
         if isinstance(fact, TaskAssigned):
-            watched.tasks[fact.step] = fact.task, fact.robot
             self._changed(watched, fact.step, "assigned", "")
         elif isinstance(fact, TaskOver):
             self._changed(watched, fact.step, fact.outcome.value, fact.message)
@@ -122,9 +129,7 @@ class RunWatch:
         """These facts were told before a restart."""
         watched = self._runs.setdefault(run_id, _Watched())
         for fact in facts:
-            watched.facts += 1
-            if isinstance(fact, TaskAssigned):
-                watched.tasks[fact.step] = fact.task, fact.robot
+            watched.take(fact)
 
     def _soon(self, watched: _Watched) -> None:
         if not watched.is_new:

@@ -41,13 +41,14 @@ __all__ = [
     "FilledSlot",
     "adopted_facts",
     "adopted_places",
+    "begun_slots",
     "decode_adoption",
     "decode_filled",
     "encode_adoption",
     "encode_filled",
     "filled_slots",
     "heir_of",
-    "of_segment",
+    "needed_places",
     "plan_without",
     "proved_over",
 ]
@@ -90,19 +91,22 @@ def plan_without(plan: Plan, gone: int, heir: int) -> Plan:
     return replace(plan, segments=tuple(segments))
 
 
-def heir_of(plan: Plan, gone: int, view: PlanView) -> int | None:
-    """The first bridge of a plan that can take the place of one: those that hand it tokens may, and it may theirs."""
+def heir_of(plan: Plan, gone: int, view: PlanView, away: Collection[int] = ()) -> int | None:
+    """The first bridge of a plan that can take the place of one: those that hand it tokens may, and it may theirs.
+
+    Bridges that are `away` cannot.
+    """
     for heir in plan.spaces:
-        if heir != gone and not missing_requestors(plan_without(plan, gone, heir), view.requestors):
+        if heir not in (gone, *away) and not missing_requestors(plan_without(plan, gone, heir), view.requestors):
             return heir
     return None
 
 
-def of_segment(steps: Iterable[Any], fact: Fact) -> bool:
-    """Whether a fact is of a step of these, or within one."""
-    step: str = getattr(fact, "step", "")
+def _of_steps(steps: Iterable[Any], facts: Iterable[Fact]) -> list[tuple[str, Fact]]:
+    """The facts of these steps, and of those within them, with the key of the step in its round."""
     keys = {each.key for each in Scenario("", Steps("", 0, tuple(steps))).steps()}
-    return bool(step) and step.partition("@")[0] in keys
+    told = [(getattr(fact, "step", ""), fact) for fact in facts]
+    return [(step, fact) for step, fact in told if step and step.partition("@")[0] in keys]
 
 
 def adopted_facts(
@@ -124,7 +128,7 @@ def adopted_facts(
         rounds: the numbers of the repetitions around the segment.
     """
     steps, scope = tuple(steps), "".join(f"@{number}" for number in rounds)
-    known = [fact for fact in facts if of_segment(steps, fact) and _is_within(getattr(fact, "step", ""), scope)]
+    known = [fact for step, fact in _of_steps(steps, facts) if _is_within(step, scope)]
     state = RunState()
     for fact in known:
         state.apply(fact)
@@ -152,26 +156,67 @@ def adopted_places(
     steps, loops = segment.body.steps, len(segment.loops)
     if steps and isinstance(point := steps[-1], BranchPoint) and point.is_loop:
         return _decided_rounds(segment.number, point, facts)
-    heard = [step for fact in facts if of_segment(steps, fact) and (step := getattr(fact, "step", ""))]
+    heard, told = _by_rounds(segment, facts), dict[tuple[int, ...], list[str]]()
     keys = [task.key for task in Scenario("", Steps("", 0, steps)).steps()]
-    told = [name for name in done if name.partition("@")[0] in keys]
-    rounds = {there for step in (*heard, *told) if len(there := _rounds_of(step)[:loops]) == loops}
-    last = max(rounds, default=(0,) * loops)
+    for name in done:
+        if name.partition("@")[0] in keys and len(there := _rounds_of(name)[:loops]) == loops:
+            told.setdefault(there, []).append(name)
+    last = max((*heard, *told), default=(0,) * loops)
     found: dict[SegmentRound, list[Fact]] = {}
-    for each in sorted(rounds | {last}):
-        names = done if each == last else [name for name in done if "@" in name]
-        found[SegmentRound(segment.number, each)] = adopted_facts(steps, facts, names, at, by, each)
+    for each in sorted({*heard, *told, last}):
+        names = done if each == last else told.get(each, ())
+        found[SegmentRound(segment.number, each)] = adopted_facts(steps, heard.get(each, ()), names, at, by, each)
     return found
+
+
+def _by_rounds(segment: PartSegment, facts: Iterable[Fact]) -> dict[tuple[int, ...], list[Fact]]:
+    """The facts of a segment, by the rounds of the repetitions around it."""
+    found: dict[tuple[int, ...], list[Fact]] = {}
+    for step, fact in _of_steps(segment.body.steps, facts):
+        if len(there := _rounds_of(step)[: len(segment.loops)]) == len(segment.loops):
+            found.setdefault(there, []).append(fact)
+    return found
+
+
+def begun_slots(segments: Iterable[PartSegment], facts: Sequence[Fact]) -> list[FilledSlot]:
+    """What facts say of the tokens of their bridge: it has begun these segments in the last of these rounds."""
+    found: list[FilledSlot] = []
+    for one in segments:
+        steps = one.body.steps
+        if steps and isinstance(point := steps[-1], BranchPoint) and point.is_loop:
+            rounds = [place.rounds for place in _decided_rounds(one.number, point, facts)]
+        else:
+            rounds = list(_by_rounds(one, facts))
+        if rounds:
+            found += [FilledSlot(one.number, slot, "", {}, max(rounds), one.loops) for slot in range(one.slots)]
+    return found
+
+
+def needed_places(
+    segments: Mapping[int, PartSegment],
+    places: Mapping[SegmentRound, tuple[str, ...]],
+    filled: Iterable[FilledSlot],
+) -> dict[str, tuple[str, ...]]:
+    """What the heir has to know of segments: not of rounds that are over, as tokens that others have prove."""
+    proved = proved_over(segments, filled)
+    return {
+        str(place): lines
+        for place, lines in places.items()
+        if place not in proved.over and not _is_passed(proved, place)
+    }
+
+
+def _is_passed(proved: Proved, place: SegmentRound) -> bool:
+    bound = proved.passed.get(place.number)
+    return bound is not None and place.rounds[: len(bound)] <= bound
 
 
 def _decided_rounds(number: int, point: BranchPoint, facts: Sequence[Fact]) -> dict[SegmentRound, list[Fact]]:
     """What the head of a repetition has decided."""
     found: dict[SegmentRound, list[Fact]] = {}
     last: dict[tuple[int, ...], int] = {}
-    for fact in facts:
-        rounds = _rounds_of(getattr(fact, "step", ""))
-        if not of_segment((point,), fact):
-            continue
+    for step, fact in _of_steps((point,), facts):
+        rounds = _rounds_of(step)
         if isinstance(fact, IterationStarted):
             last[rounds] = fact.number
             found[SegmentRound(number, (*rounds, fact.number))] = [fact]

@@ -7,6 +7,7 @@ fetches them, which may have been away for all of the run.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final, Self
@@ -96,6 +97,18 @@ class CarriedRecords:
         values = (len(head), head)
         rows = self._database.read("SELECT run_id FROM runs WHERE substr(run_id, 1, ?) = ? ORDER BY number", values)
         return [found for (found,) in rows]
+
+    def lines_beyond(self, run_id: str, last: int) -> Iterator[tuple[int, str]]:
+        """The lines of facts of all segments of a run in the order in which they were written, each with its number.
+
+        Those after the one with the number `last`, where 0 is before all. Other runs have numbers between.
+        """
+        # By the primary key: what follows a line is found at once, and nothing is sorted.
+        statement = (
+            "SELECT number, line FROM facts NOT INDEXED WHERE number > ? AND substr(run_id, 1, ?) = ? ORDER BY number"
+        )
+        head = f"{run_id}."
+        return ((number, line) for number, line in self._database.rows(statement, (last, len(head), head)))
 
     def forget(self, run_id: str) -> None:
         """Forget a run with its segments."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Iterator
 from typing import Any, cast
 
 import pytest
@@ -19,7 +21,7 @@ from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.run_data import RUN_DATA_FIELDS, RUN_DATA_ID
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.resilience import Aborted, Ranked, Ranking, ReplacementChosen, Synthesis, Weights
-from ua_fleet.scenario.facts import TaskAssigned, TaskOutcome, TaskOver, Then
+from ua_fleet.scenario.facts import Fact, StepEnded, StepState, TaskAssigned, TaskOutcome, TaskOver, Then
 from ua_fleet.values import UNIX_EPOCH_TICKS
 from ua_fleet.wire import Codec
 from ua_fleet.wire.messages import FrameKind, NetworkMessage
@@ -172,6 +174,27 @@ def test_one_message_has_a_bounded_number_of_tasks_and_what_was_told_before_a_re
     assert told["Facts"] == 22
     bridge.watch.forget(RUN)
     assert bridge.told() == []
+
+
+def test_what_is_known_of_tasks_does_not_grow_with_rounds() -> None:
+    def facts(rounds: int) -> Iterator[Fact]:
+        for step in [f"0@{number}" for number in range(rounds)]:
+            yield from (assigned(step), over(step=step), StepEnded(3.0, step, StepState.DONE))
+
+    bridge = Bridge()
+    tracemalloc.start()
+    try:
+        bridge.watch.restored(RUN, facts(10))
+        before, _ = tracemalloc.get_traced_memory()
+        bridge.watch.restored(RUN, facts(2000))
+        assert tracemalloc.get_traced_memory()[0] - before < 20_000
+    finally:
+        tracemalloc.stop()
+    bridge.watch.happened(RUN, assigned("0@9999"))
+    bridge.watch.happened(RUN, over(step="0@9999"))
+    (told,) = bridge.told()
+    assert list(told["Tasks"]) == ["one", "one"], "the name is known until the step has ended"
+    assert told["Facts"] == 3 * 2010 + 2
 
 
 @pytest.mark.parametrize("count", [1, 8])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
+from hashlib import blake2b
 
 import pytest
 
@@ -27,9 +29,11 @@ from ua_fleet.carrying.adoption import (
     FilledSlot,
     adopted_facts,
     adopted_places,
+    begun_slots,
     decode_adoption,
     encode_adoption,
     heir_of,
+    needed_places,
     plan_without,
     proved_over,
 )
@@ -296,6 +300,58 @@ def test_what_was_heard_is_adopted_by_rounds() -> None:
         "the last round is meant"
     )
     assert by_name[SegmentRound(TWO, (0,))] == heard[:2]
+
+
+def rounds_of(count: int) -> list[Fact]:
+    """What is heard of the bridges when `two` is under way in the last one of so many rounds."""
+    one, two, head = (LOOP.segments[number].steps[0].key for number in (ONE, TWO, HEAD))
+    facts: list[Fact] = []
+    for number in range(count):
+        facts.append(IterationStarted(1.0, head, number))
+        for key in (one, two):
+            step, is_last = f"{key}@{number}", (key, number) == (two, count - 1)
+            facts.append(replace(ASSIGNED, step=step, execution_id=blake2b(step.encode(), digest_size=16).hexdigest()))
+            ended: list[Fact] = [
+                TaskOver(3.0, step, 1, TaskOutcome.DONE, Then.DONE),
+                StepEnded(3.0, step, StepState.DONE),
+            ]
+            facts += [] if is_last else ended
+    return facts
+
+
+def test_rounds_that_the_heir_knows_to_be_over_are_not_sent_however_many() -> None:
+    facts = rounds_of(3000)
+    places = adopted_places(behind(301)[TWO], facts, [], 9.0, "anna")
+    assert len(places) == 3000
+    lines = {place: tuple([encode_fact(fact) for fact in known]) for place, known in places.items()}
+    begun = begun_slots([behind(300)[number] for number in (HEAD, ONE)], facts)
+    assert begun == [
+        FilledSlot(HEAD, 0, "", {}, (2999,), (HEAD,)),
+        FilledSlot(ONE, 0, "", {}, (2999,), (HEAD,)),
+    ]
+    needed = needed_places(behind(301), lines, begun)
+    last = SegmentRound(TWO, (2999,))
+    assert needed == {str(last): lines[last]}
+    assert TaskAnswered(9.0, f"{LOOP.segments[TWO].steps[0].key}@2999", Then.RETRY, "anna") in places[last]
+    made = replace(Adoption(parts(2, heir=300, gone=301)[300], 301, "anna"), facts=needed)
+    assert len(encode_adoption(made, encode_part(made.part))) < 2000
+
+
+def test_rounds_of_which_nobody_else_has_a_token_are_sent() -> None:
+    places = {SegmentRound(TWO, (number,)): ("line",) for number in range(6)}
+    filled = [FilledSlot(HEAD, 0, "", {}, (3,), (HEAD,))]
+    assert needed_places(behind(301), places, filled).keys() == {str(SegmentRound(TWO, (n,))) for n in (3, 4, 5)}
+    assert needed_places(behind(301), places, []).keys() == {str(place) for place in places}
+
+
+def test_what_is_adopted_of_many_rounds_takes_time_in_proportion() -> None:
+    took: list[float] = []
+    for count in (500, 4000):
+        facts = rounds_of(count)
+        began = time.process_time()
+        adopted_places(behind(301)[TWO], facts, [f"two@{number}" for number in range(count)], 9.0, "anna")
+        took.append(time.process_time() - began)
+    assert took[1] < 8 * 3 * took[0], took
 
 
 def test_what_the_head_of_a_repetition_has_decided_is_adopted() -> None:

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ua_fleet.carrying import Part, encode_part
-from ua_fleet.carrying.adoption import Adoption, FilledSlot, decode_filled, encode_adoption
+from ua_fleet.carrying.adoption import Adoption, FilledSlot, decode_filled, encode_adoption, needed_places
+from ua_fleet.carrying.part import PartSegment
+from ua_fleet.carrying.token import SegmentRound
 from ua_fleet.carrying.words import decode_words
 from ua_fleet.scenario import Value
 from ua_fleet.scenario.facts import RunAdopted
@@ -23,7 +25,12 @@ class Adopting:
     said: RunAdopted
     parts: Mapping[int, Part]
     results: Mapping[str, Value]
-    facts: Mapping[str, tuple[str, ...]]
+    segments: Mapping[int, PartSegment]
+    """Of the bridge that is off."""
+    facts: Mapping[SegmentRound, tuple[str, ...]]
+    """What is known of them."""
+    begun: Sequence[FilledSlot]
+    """Tokens that the others have, or newer ones, as facts of theirs say."""
     filled: dict[int, tuple[FilledSlot, ...]] = field(default_factory=dict[int, tuple[FilledSlot, ...]])
     """What the others have, by their spaces."""
 
@@ -37,7 +44,8 @@ class Adopting:
         adoption = Adoption(part, self.said.space, self.said.by)
         if space == self.said.heir:
             filled = tuple([slot for slots in self.filled.values() for slot in slots])
-            adoption = Adoption(part, self.said.space, self.said.by, filled, self.results, self.facts)
+            facts = needed_places(self.segments, self.facts, (*filled, *self.begun))
+            adoption = Adoption(part, self.said.space, self.said.by, filled, self.results, facts)
         return encode_adoption(adoption, encode_part(part))
 
     def take(self, space: int, result: bytes) -> None:

@@ -9,6 +9,7 @@
               a bridge is silent, and an operator says that it is off --> adopting
               an operator aborts it ---------------------------------------> closing
     adopting  the bridges that are left get their parts anew, with the next epoch; then the heir --all have--> following
+              one does not take it, and says that the run is over -----------> following
     closing   each bridge is told the end --all have acknowledged----------> ended
 
 A run that was following when the server ended is followed by the next one; one that had not begun is closed. A bridge
@@ -76,6 +77,12 @@ NEWS_S: Final = 0.1
 """One that tells of news is asked so long after that: it may hand over the token meanwhile."""
 ORDER_S: Final = 5.0
 """So long facts wait for those of bridges that have not answered yet, which may have happened before."""
+MOST_NAMED: Final = 5
+"""Bridges that the reason of an end names."""
+MOST_TEXT: Final = 60
+"""Characters of what each of them says."""
+MOST_REASON: Final = 600
+"""Characters of the reason that bridges are told: whatever they are, a bridge can read them."""
 MOST_JSON_BYTES: Final = 1_000_000
 """Of one page, decompressed."""
 _OF_SEGMENTS: Final = (RunCreated, RunPaused, RunResumed, RunClosing, RunEnded, OutsideTold)
@@ -298,7 +305,8 @@ class CarriedRuns:
 
     def _told(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         if (told := self._asked.pop(execution_id, None)) is not None:
-            told(outcome)
+            with self._mistakes.guard("carried runs"):  # the outcomes of other questions come after it
+                told(outcome)
 
     # Time.
 
@@ -345,14 +353,18 @@ class CarriedRuns:
             case CarriedPhase.OFFERING if not missing:
                 self._enter(run, CarriedPhase.BEGINNING, now + OFFER_S)
             case CarriedPhase.OFFERING if is_late:
-                why = "; ".join(f"{self._names[space]}: {run.bridges[space].problem}" for space in missing)
+                said = [f"{self._names[space]}: {run.bridges[space].problem[:MOST_TEXT]}" for space in missing]
+                more = len(said) - MOST_NAMED
+                why = "; ".join([*said[:MOST_NAMED], *([f"and {more} more"] if more > 0 else [])])
                 self._close(run, "failed", f"nothing was begun, since not every bridge has its part: {why}")
             case CarriedPhase.BEGINNING if run.bridges[run.first].is_done:
                 self._service.note(run.run_id, [StepStarted(self._wall_s(), "")])
                 self._enter(run, CarriedPhase.FOLLOWING, 0.0)
             case CarriedPhase.BEGINNING if is_late:
-                why = run.bridges[run.first].problem
+                why = run.bridges[run.first].problem[:MOST_TEXT]
                 self._close(run, "aborted", f"{self._names[run.first]} has not said that it has begun: {why}")
+            case CarriedPhase.ADOPTING if run.closed is not None:  # before it was known that a bridge is off
+                self._enter(run, CarriedPhase.FOLLOWING, 0.0)
             case CarriedPhase.ADOPTING if not missing:
                 self._log.info("a carried run goes on without one of its bridges", run_id=run.run_id)
                 self._enter(run, CarriedPhase.FOLLOWING, 0.0)
@@ -366,7 +378,7 @@ class CarriedRuns:
     def _enter(self, run: FollowedRun, phase: CarriedPhase, until: float) -> None:
         run.phase, run.until = phase, until
         for asked in run.bridges.values():
-            asked.is_done, asked.next_at = False, 0.0
+            asked.is_done, asked.has_refused, asked.next_at = False, False, 0.0
             asked.problem = "" if phase is CarriedPhase.FOLLOWING else "it has not answered yet"
 
     def _ask_for(self, run: FollowedRun, space: int, asked: AskedBridge, now: float) -> None:
@@ -376,11 +388,16 @@ class CarriedRuns:
                 word, content = Word.PART, run.parts[space]
             case CarriedPhase.BEGINNING if space == run.first and not asked.is_done:
                 word, content = Word.TOKEN, run.token
+            case CarriedPhase.ADOPTING if asked.has_refused:
+                word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.count)
             case CarriedPhase.ADOPTING if run.adopting and not asked.is_done and run.adopting.may_be_told(space):
                 word, content = Word.ADOPT, run.adopting.content_for(space)
+            case CarriedPhase.ADOPTING if not asked.is_done:
+                asked.problem = "it goes on once all others know which bridge is off"
+                return
             case CarriedPhase.CLOSING if not asked.is_done:
                 _, outcome, reason = run.closed or (0.0, "aborted", "")
-                word, content = Word.END, encode_words(run=run.run_id, outcome=outcome, reason=reason)
+                word, content = Word.END, encode_words(run=run.run_id, outcome=outcome, reason=reason[:MOST_REASON])
             case CarriedPhase.FOLLOWING if not asked.has_pause:
                 word, content = Word.PAUSE, encode_words(run=run.run_id, paused=run.is_paused, by=run.paused_by)
             case CarriedPhase.FOLLOWING | CarriedPhase.CLOSING:
@@ -396,7 +413,7 @@ class CarriedRuns:
 
         asked.is_asked = self._ask(space, word, content, told)
         if not asked.is_asked:
-            asked.problem, asked.next_at = "it is not heard", now + AGAIN_S
+            asked.is_away, asked.problem, asked.next_at = True, "it is not heard", now + AGAIN_S
 
     def _ask(self, space: int, word: Word, content: bytes, told: Callable[[RequestOutcome], None]) -> bool:
         """Ask a bridge; whether it could be."""
@@ -421,15 +438,15 @@ class CarriedRuns:
         return self._follow_s * max(1.0, heard_s / FOLLOW_S) if asked.is_heard else self._follow_s
 
     def _answered(self, run: FollowedRun, phase: CarriedPhase, space: int, word: Word, outcome: RequestOutcome) -> None:
-        if run.run_id not in self._runs:
-            return
-        asked, report = run.bridges[space], outcome.report
-        if outcome.kind is not OutcomeKind.UNKNOWN and outcome.kind is not OutcomeKind.TIMED_OUT:
+        asked, report = run.bridges.get(space), outcome.report
+        if run.run_id not in self._runs or asked is None:
+            return  # it was left out meanwhile
+        asked.is_away = outcome.kind in (OutcomeKind.UNKNOWN, OutcomeKind.TIMED_OUT)
+        if not asked.is_away:
             asked.answered_at = self._clock()
-        asked.is_asked, asked.next_at = (
-            False,
-            self._clock() + (self._follow_after_s(asked) if word is Word.FETCH else 0.0),
-        )
+        has_time = word is Word.FETCH and phase is run.phase
+        asked.is_asked, asked.next_at = False, self._clock() + (self._follow_after_s(asked) if has_time else 0.0)
+        asked.has_refused = word is Word.ADOPT and outcome.kind is OutcomeKind.REFUSED
         if is_good(outcome):
             asked.problem = ""
             if word is Word.FETCH:

@@ -6,10 +6,10 @@ the numbers that the bridges know.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from ua_fleet.carrying import Part, Plan, PlanView, parts_of, split
-from ua_fleet.carrying.adoption import adopted_places, heir_of, plan_without
+from ua_fleet.carrying.adoption import adopted_places, begun_slots, heir_of, plan_without
 from ua_fleet.config.connections import connection_numbers
 from ua_fleet.config.relays import speakers_on
 from ua_fleet.config.schema import FleetConfig
@@ -86,7 +86,8 @@ class Adoptions:
         """A person says that a bridge of a run is off, of which all that was fetched is in the journal.
 
         Raises:
-            ScenarioError: the bridge has answered a moment ago, no other one can go on, or the plan is another one.
+            ScenarioError: the bridge has answered a moment ago, another one is silent too, none can go on, or the plan
+                is another one.
         """
         space = next((space for space in run.bridges if self._names[space] == bridge), None)
         if space is None or run.phase is not CarriedPhase.FOLLOWING or run.closed is not None:
@@ -96,8 +97,13 @@ class Adoptions:
             raise ScenarioError(
                 f"{bridge} has answered {silent_s:.0f} s ago, and can be left out after {self._after_s:g} s"
             )
+        if others := [self._names[one] for one in run.bridges if one != space and self._is_silent(run, one)]:
+            raise ScenarioError(
+                f"{bridge} can be left out while all other bridges of the run answer, since each is told that; start"
+                f" {', '.join(others)}, or abort it: ua-fleet scenario abort {run.run_id}"
+            )
         facts = self._service.facts_of(run.run_id)
-        heir = self._heir(facts, space)
+        heir = self._heir(facts, space, [one for one, asked in run.bridges.items() if asked.is_away])
         made = self._made(run.run_id, facts, RunAdopted(self._wall_s(), space, heir, tuple(done), by))
         made.content_for(heir)  # refuses what is too large, before anything is written down
         return made
@@ -117,13 +123,26 @@ class Adoptions:
 
     def offer(self, run: FollowedRun, space: int) -> str:
         """What a person can do about a bridge that has not answered for long; empty while there is nothing."""
-        is_silent = self._clock() - run.bridges[space].answered_at >= self._after_s
-        if not is_silent or run.phase is not CarriedPhase.FOLLOWING or len(run.bridges) == 1:
+        if not self._is_silent(run, space):
             return ""
+        silent, name = f", nor has it answered for {self._after_s:g} s", self._names[space]
+        abort = f"ua-fleet scenario abort {run.run_id}"
+        if run.phase is CarriedPhase.ADOPTING and run.adopting is not None and not run.bridges[space].is_done:
+            gone = self._names[run.adopting.said.space]
+            return f"{silent}; the run goes on without {gone} once {name} knows it: start {name}, or abort it: {abort}"
+        if run.phase is not CarriedPhase.FOLLOWING or len(run.bridges) == 1:
+            return ""
+        if any(self._is_silent(run, other) for other in run.bridges if other != space):
+            return f"{silent}; one bridge can be left out while the others answer: start them, or abort it: {abort}"
         return (
-            f", nor has it answered for {self._after_s:g} s; if it is off for good, see what its robots have done, and"
-            f" have another bridge go on: ua-fleet scenario adopt {run.run_id} {self._names[space]} --off"
+            f"{silent}; if it is off for good, see what its robots have done, and"
+            f" have another bridge go on: ua-fleet scenario adopt {run.run_id} {name} --off"
         )
+
+    def _is_silent(self, run: FollowedRun, space: int) -> bool:
+        """Whether a bridge of a run has not answered for long, though it was asked."""
+        asked = run.bridges[space]
+        return asked.is_away and self._clock() - asked.answered_at >= self._after_s
 
     def _scenario(self, facts: Sequence[Fact]) -> Scenario:
         """The scenario of a run, from its own text."""
@@ -145,13 +164,15 @@ class Adoptions:
             plan = plan_without(plan, each.space, each.heir)
         return plan, 1 + len(adopted)
 
-    def _heir(self, facts: Sequence[Fact], gone: int) -> int:
+    def _heir(self, facts: Sequence[Fact], gone: int, away: Collection[int]) -> int:
+        """Who goes on for a bridge: none of those that do not answer."""
         plan, _ = self._plan_now(self._first_plan(facts), facts)
-        heir = heir_of(plan, gone, plan_view(self._config, self._service))
-        if heir is None:
-            name = self._names[gone]
-            raise ScenarioError(f"no other bridge of the run may take the place of {name}: see `requestors` of all")
-        return heir
+        view, name = plan_view(self._config, self._service), self._names[gone]
+        if (heir := heir_of(plan, gone, view, away)) is not None:
+            return heir
+        if (late := heir_of(plan, gone, view)) is not None:
+            raise ScenarioError(f"{self._names[late]} could take the place of {name}, and does not answer now")
+        raise ScenarioError(f"no other bridge of the run may take the place of {name}: see `requestors` of all")
 
     def _made(self, run_id: str, facts: Sequence[Fact], said: RunAdopted) -> Adopting:
         """What the bridges are told; `facts` are those before it was said."""
@@ -165,15 +186,20 @@ class Adoptions:
 
         if any(part.plan_hash.hex() != carried.plan_hash for part in parts(plan, 1).values()):
             raise ScenarioError(f"the fleet has changed since run {run_id} began, so that its plan is another one now")
-        plan, epoch = self._plan_now(plan, facts)
+        first, (plan, epoch) = plan, self._plan_now(plan, facts)
         before = parts(plan, epoch)
+        # Of segments that were adopted before, facts may be of a bridge that is off.
+        others = [one for space, part in before.items() if space != said.space for one in part.segments.values()]
+        own = [one for one in others if first.segments[one.number].space == plan.segments[one.number].space]
         state = RunState()
         for fact in facts:
             state.apply(fact)
-        segments = {
-            str(place): tuple([encode_fact(fact) for fact in known])
-            for one in before[said.space].segments.values()
-            for place, known in adopted_places(one, facts, said.done, said.at, said.by).items()
+        segments = before[said.space].segments
+        known = {
+            place: tuple([encode_fact(fact) for fact in adopted])
+            for one in segments.values()
+            for place, adopted in adopted_places(one, facts, said.done, said.at, said.by).items()
         }
         results = {f"{task}.{name}": value for task, given in state.results.items() for name, value in given.items()}
-        return Adopting(said, parts(plan_without(plan, said.space, said.heir), epoch + 1), results, segments)
+        new = parts(plan_without(plan, said.space, said.heir), epoch + 1)
+        return Adopting(said, new, results, segments, known, begun_slots(own, facts))

@@ -34,6 +34,10 @@ class AskedBridge:
     problem: str = "it has not answered yet"
     answered_at: float = 0.0
     """When it has answered last, by the monotonic clock; at first, when the run was known here."""
+    is_away: bool = False
+    """Whether nothing has come of the last question."""
+    has_refused: bool = False
+    """Whether it has refused to be told that another one is off: it may know that the run is over."""
     count: int = 0
     """Facts that were fetched."""
     is_caught_up: bool = False

@@ -1,0 +1,323 @@
+"""The server's side of carried runs, with bridges that answer what a test says."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import structlog
+
+from tests.unit.operation.runs.world import World
+from ua_fleet.carrying.adoption import decode_adoption
+from ua_fleet.carrying.token import SegmentRound
+from ua_fleet.carrying.words import decode_words, encode_words
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.errors import ScenarioError
+from ua_fleet.operation.runs.carried import OFFER_S, CarriedRuns
+from ua_fleet.orchestrator import RunChanged, TaskWaiting
+from ua_fleet.pubsub.carry_action import Word
+from ua_fleet.scenario.facts import RunAdopted, RunClosing, RunEnded, RunOutcome
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome, pack
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType, StatusCode
+
+AWAY_S = 20.0
+NOBODY = RequestOutcome(OutcomeKind.UNKNOWN, ExecutionReport(ExecutionState.UNKNOWN))
+REFUSED = RequestOutcome(
+    OutcomeKind.REFUSED, ExecutionReport(ExecutionState.FAILED, StatusCode.BAD_INVALID_STATE, "it is over here")
+)
+
+
+def config(count: int) -> FleetConfig:
+    """As many bridges with a robot each, which may all ask each other."""
+    spaces = [0, *range(300, 300 + count)]
+    return FleetConfig.model_validate(
+        {
+            "version": 1,
+            "pubsub": {"security": "none"},
+            "bridges": {
+                f"c{number}": {
+                    "kind": "virtual",
+                    "space": 300 + number,
+                    "status_id": 900 + number,
+                    "requestors": spaces,
+                }
+                for number in range(count)
+            },
+            "robots": {
+                f"r{number}": {
+                    "bridge": f"c{number}",
+                    "skill_status_id": 1200 + number,
+                    "skills": {"work": {"id": 1100 + number}},
+                }
+                for number in range(count)
+            },
+            "scenarios": {"adopt_after_s": AWAY_S},
+        }
+    )
+
+
+def answer(content: bytes = b"") -> RequestOutcome:
+    report = ExecutionReport(ExecutionState.DONE, result=pack((int(BuiltinType.BYTE_STRING),), (content,)))
+    return RequestOutcome(OutcomeKind.ACCEPTED, report)
+
+
+def page(*facts: str, closed: str = "") -> RequestOutcome:
+    """What a bridge says that has these facts, and whose run has ended so."""
+    words: dict[str, Any] = {"facts": facts, "count": len(facts), "active": [], "waits": "", "decisions": []}
+    words["closed"] = [50.0, closed, ""] if closed else None
+    return answer(zlib.compress(encode_words(**words)))
+
+
+class Bridges:
+    """In place of SkillCommands: each question is answered when it is polled, by what its bridge does."""
+
+    def __init__(self) -> None:
+        self.told: Callable[[bytes, RequestOutcome], None] = lambda _id, _outcome: None
+        self.open: list[tuple[int, Word, bytes, bytes]] = []
+        """Space, word, content and id of what was not answered yet."""
+        self.asked: list[tuple[int, Word]] = []
+        self.contents: list[tuple[int, Word, bytes]] = []
+        self.does: dict[tuple[int, Word], RequestOutcome | None] = {}
+        """What they do other than that they take it; None: the question stays open."""
+        self.off: set[int] = set()
+
+    def request(
+        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
+    ) -> None:
+        del robot, skill, timeout_s
+        word, content = Word(arguments["Word"]), arguments["Content"]
+        self.open.append((topic.space, word, content, execution_id))
+        self.asked.append((topic.space, word))
+        self.contents.append((topic.space, word, content))
+
+    def receive(self, *_: object) -> None: ...
+
+    def announced(self, *_: object) -> None: ...
+
+    def next_deadline(self) -> float | None:
+        return None
+
+    def poll(self, now: float) -> None:
+        """As `SkillCommands` tells what is due: one after the other, in one loop."""
+        del now
+        questions, self.open = self.open, []
+        for question in questions:
+            outcome = self.outcome(*question[:2])
+            if outcome is None:
+                self.open.append(question)
+            else:
+                self.told(question[3], outcome)
+
+    def outcome(self, space: int, word: Word) -> RequestOutcome | None:
+        if space in self.off:
+            return NOBODY
+        usual = page() if word is Word.FETCH else answer(encode_words(filled=[]) if word is Word.ADOPT else b"")
+        return self.does.get((space, word), usual)
+
+
+class Carried(World):
+    """A server with bridges."""
+
+    def __init__(self, folder: Path, count: int = 3) -> None:
+        super().__init__(folder, heard=(), config=config(count))
+        self.bridges, self.count = Bridges(), count
+
+        def commands(*, told: Callable[[bytes, RequestOutcome], None], **_: object) -> Any:
+            self.bridges.told = told
+            return self.bridges
+
+        self.carried = CarriedRuns(
+            config(count),
+            self.service,
+            commands,
+            reserve=lambda _robot, _why: None,
+            sooner=lambda: None,
+            clock=lambda: self.now,
+            wall_s=lambda: self.now,
+            mistakes=self.mistakes,
+            log=structlog.get_logger(),
+        )
+
+    def offer(self) -> str:
+        steps = "\n".join(f"  - {{task: t{number}, skill: work, robot: r{number}}}" for number in range(self.count))
+        checked, _ = self.carried.check(f"version: 1\nname: made\nsteps:\n{steps}\n")
+        assert not checked.problems
+        return self.carried.start(checked.scenario, (), (), "anna")
+
+    def begin(self) -> str:
+        """A run that is under way."""
+        run_id = self.offer()
+        self.go(1.0)
+        assert (300, Word.TOKEN) in self.bridges.asked
+        return run_id
+
+    def go(self, seconds: float) -> None:
+        end = self.now + seconds
+        while self.now < end:
+            self.now += 0.1
+            self.carried.poll(self.now)
+
+    def asked(self, seconds: float) -> list[tuple[int, Word]]:
+        """What bridges are asked in this time."""
+        self.bridges.asked.clear()
+        self.go(seconds)
+        return list(self.bridges.asked)
+
+    def facts(self, kind: type) -> list[Any]:
+        return [one.fact for one in self.said if isinstance(one, RunChanged) and isinstance(one.fact, kind)]
+
+    def reason(self) -> str:
+        """Why the run waits, as it was shown last."""
+        return [one.waits.reason for one in self.said if isinstance(one, TaskWaiting)][-1]
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> Iterable[Carried]:
+    made = Carried(tmp_path)
+    yield made
+    assert not made.mistakes.count, made.mistakes.text()
+
+
+def test_an_answer_of_a_bridge_that_was_left_out_costs_no_other_answer(world: Carried) -> None:
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    world.bridges.does |= {(space, Word.FETCH): None for space in (300, 301, 302)}
+    world.bridges.off.clear()
+    world.go(6.0)  # all three are asked, and have not answered
+    assert {space for space, *_ in world.bridges.open} == {300, 301, 302}
+    world.now += AWAY_S
+    assert world.carried.adopt(run_id, "c1", (), "anna") == "c0"
+    world.bridges.does.clear()
+    world.bridges.off.add(301)
+    world.go(1.0)
+    assert not world.mistakes.count, world.mistakes.text()
+    words = [(space, word) for space, word in world.bridges.asked if word is Word.ADOPT]
+    assert words == [(302, Word.ADOPT), (300, Word.ADOPT)], "the heir is the last one"
+
+
+def test_a_mistake_in_one_answer_costs_no_other_one(tmp_path: Path) -> None:
+    world = Carried(tmp_path)
+    world.begin()
+    world.bridges.does[300, Word.FETCH] = answer(b"no page")
+    asked = world.asked(12.0)
+    assert world.mistakes.count
+    for space in (300, 301, 302):
+        assert asked.count((space, Word.FETCH)) >= 2, "it is asked on"
+
+
+def test_a_run_that_many_bridges_do_not_take_ends_with_a_reason_that_they_can_read(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 120)
+    world.bridges.off = set(range(301, 420))
+    world.offer()
+    world.go(OFFER_S + 1)
+    (closing,) = world.facts(RunClosing)
+    assert closing.reason.endswith("c5: it does not answer; and 114 more")
+    world.bridges.off.clear()
+    world.go(2.0)
+    ends = [decode_words(content) for _, word, content in world.bridges.contents if word is Word.END]
+    assert {words["reason"] for words in ends} == {closing.reason}
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.FAILED]
+
+
+def test_what_a_bridge_says_is_cut_off_in_the_reason_of_an_end(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 8)
+    said = ExecutionReport(ExecutionState.FAILED, StatusCode.BAD_INVALID_STATE, "\x01" * 4000)
+    for space in range(300, 308):
+        world.bridges.does[space, Word.PART] = RequestOutcome(OutcomeKind.REFUSED, said)
+    world.offer()
+    world.go(2.0)
+    ends = [content for _, word, content in world.bridges.contents if word is Word.END]
+    assert ends
+    assert all(len(content) < 4000 and decode_words(content)["outcome"] == "failed" for content in ends)
+
+
+def test_a_run_that_a_bridge_has_ended_before_it_is_told_of_an_adoption_ends_as_it_has(world: Carried) -> None:
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    world.carried.adopt(run_id, "c1", (), "anna")
+    world.bridges.does |= {
+        (302, Word.ADOPT): REFUSED,
+        (302, Word.FETCH): page(closed="done"),
+        (300, Word.FETCH): page(closed="done"),
+    }
+    asked = world.asked(3.0)
+    assert asked.count((302, Word.ADOPT)) == 1, "it is not asked on for what it has refused"
+    assert (300, Word.ADOPT) not in asked
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.DONE]
+    assert not world.carried.has(run_id)
+
+
+def test_a_bridge_that_refuses_an_adoption_for_now_is_told_again(world: Carried) -> None:
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    world.carried.adopt(run_id, "c1", ("t1",), "anna")
+    world.bridges.does[302, Word.ADOPT] = REFUSED
+    asked = world.asked(15.0)
+    assert [word for space, word in asked if space == 302][:4] == [Word.ADOPT, Word.FETCH] * 2
+    assert (300, Word.ADOPT) not in asked
+    assert "c0: it goes on once all others know which bridge is off" in world.reason()
+    world.bridges.does.clear()
+    asked = world.asked(6.0)
+    assert asked.index((302, Word.ADOPT)) < asked.index((300, Word.ADOPT))
+    (content,) = [content for space, word, content in world.bridges.contents if (space, word) == (300, Word.ADOPT)]
+    assert str(SegmentRound(1)) in decode_adoption(content).facts
+    assert (302, Word.FETCH) in world.asked(6.0), "the run is followed"
+
+
+def test_a_bridge_is_left_out_only_while_the_others_answer(world: Carried) -> None:
+    run_id = world.begin()
+    world.bridges.off |= {300, 301}
+    world.go(AWAY_S + 10)
+    assert "one bridge can be left out while the others answer" in world.reason()
+    assert "--off" not in world.reason()
+    with pytest.raises(ScenarioError, match=f"start c0, or abort it: ua-fleet scenario abort {run_id}"):
+        world.carried.adopt(run_id, "c1", (), "anna")
+    assert not world.facts(RunAdopted)
+    world.bridges.off.discard(300)
+    world.go(6.0)
+    assert "c1: it does not answer, nor has it answered for 20 s" in world.reason()
+    assert f"ua-fleet scenario adopt {run_id} c1 --off" in world.reason()
+    assert world.carried.adopt(run_id, "c1", (), "anna") == "c0"
+
+
+def test_a_bridge_that_does_not_answer_now_is_no_heir(world: Carried) -> None:
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    world.bridges.off.add(300)
+    world.go(6.0)
+    assert world.carried.adopt(run_id, "c1", (), "anna") == "c2"
+
+
+def test_no_bridge_that_answers_may_be_the_heir(world: Carried) -> None:
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    world.bridges.off |= {300, 302}
+    world.go(6.0)
+    with pytest.raises(ScenarioError, match="c0 could take the place of c1, and does not answer now"):
+        world.carried.adopt(run_id, "c1", (), "anna")
+
+
+def test_an_adoption_that_waits_for_a_bridge_says_so(world: Carried) -> None:
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    world.carried.adopt(run_id, "c1", (), "anna")
+    world.bridges.off.add(302)
+    world.go(AWAY_S + 1)
+    assert (
+        "c2: it does not answer, nor has it answered for 20 s; the run goes on without c1 once c2 knows it: start c2,"
+        f" or abort it: ua-fleet scenario abort {run_id}" in world.reason()
+    )
+    world.carried.abort(run_id, "", "anna")
+    world.bridges.off.discard(302)
+    world.go(2.0)
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.ABORTED]

@@ -226,7 +226,7 @@ class SkillFailed(SkillError):
     """The robot started the skill and reported that it failed."""
 
     ua_status: int = StatusCode.BAD_UNEXPECTED_ERROR
-    remedy = "See the robot's own message, mend its cause, and start the skill again."
+    remedy = "Read the robot's own message, remove its cause, and start the skill again."
 
 
 class RobotOffline(SkillError):

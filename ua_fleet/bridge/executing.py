@@ -37,7 +37,7 @@ __all__ = ["HALTED_S", "Ended", "Executing", "Open", "ended_text", "halted"]
 
 HALTED_S: Final = 5.0
 """So long a robot that was told to stop may take to say that it stands; then nobody knows. A run waits for 10 s."""
-NOT_SEEN_TO_STAND: Final = "it was told to stop, and nobody has seen that it stands; see what the robot does"
+NOT_SEEN_TO_STAND: Final = "it was told to stop, and its standstill is not confirmed; see what the robot does"
 
 _MOST_REMEMBERED: Final = 1000
 _MOST_TEXT: Final = 200
@@ -193,4 +193,4 @@ class Executing:
         if execution_id in self._ended:
             self._put(Dropped(Drop.UNASKED, detail=f"{where}a robot answered again, or after its time was over"))
         else:
-            self._put(Dropped(Drop.UNASKED, detail=f"{where}a robot answered for an execution that nobody waits for"))
+            self._put(Dropped(Drop.UNASKED, detail=f"{where}a robot answered for an execution that is not open"))

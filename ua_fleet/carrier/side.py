@@ -283,7 +283,9 @@ class _Carrier:
             case Word.CONFIRM if sender == 0:
                 answer = self._confirm(decode_words(content)).encode()
             case _:
-                raise RunUnknown(f"there is no word {word} of carried runs for space {sender}")
+                raise RunUnknown(
+                    f"space {sender} sent request {word} of carried runs, which this bridge does not take from it"
+                )
         return pack(_BYTES, (answer,))
 
     def _one_sync(self) -> AbstractContextManager[None]:
@@ -318,7 +320,7 @@ class _Carrier:
             if self._engine is not None and self._engine.has_step(segment, step):
                 self._engine.answer(segment, step, answer, by)
                 return
-        raise RunUnknown(f"nobody is asked about step {step!r} of run {run_id!r} here")
+        raise RunUnknown(f"step {step!r} of run {run_id!r} asks no question here")
 
     def _held(self, run_id: str) -> HeldRun:
         if (held := self._holder.runs.get(run_id)) is None:

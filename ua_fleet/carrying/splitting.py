@@ -117,16 +117,20 @@ class _Splitter:
             case Task() if self._space_of_task[step.name] is None:
                 self._problem(step.line, f"task {step.name!r}: no robot for it lives behind a bridge")
             case Wait(event=str() as event):
-                self._problem(step.line, f"the event {event!r} is told to the server, and no bridge hears it")
+                self._problem(step.line, f"the event {event!r} is sent to the server, and bridges do not receive it")
             case Parallel(branches=branches) if len(branches) > MOST_SLOTS:
                 self._problem(step.line, f"at most {MOST_SLOTS} branches are carried, here are {len(branches)}")
             case _:
                 pass
         for name in sorted(names_at(step) - self._parameters):
             if split_index(name)[0] in self._view.of_server:
-                self._problem(step.line, f"{name!r} is said by the server, and no bridge has it while that is away")
+                self._problem(
+                    step.line, f"{name!r} is a value of the server, and bridges do not have it while the server is away"
+                )
             elif split_index(name)[0] in self._view.on_demand:
-                self._problem(step.line, f"{name!r} is read while the server wants it, and not while that is away")
+                self._problem(
+                    step.line, f"{name!r} is read only on demand of the server, and not while the server is away"
+                )
 
     def _space(self, task: Task) -> int | None:
         """Where a task is done: by the robot that it names, or by the first that can do it."""

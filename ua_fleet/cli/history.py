@@ -58,14 +58,16 @@ def history(
     connection: ConnectionOptions,
     nodes: Nodes,
     since: Annotated[
-        str, typer.Option(help="Begin so long ago (90s, 10m, 8h, 7d), or at a time such as 2026-03-01T08:00.")
+        str, typer.Option(help="Begin this long ago (90s, 10m, 8h, 7d), or at a time such as 2026-03-01T08:00.")
     ] = "1h",
-    until: Annotated[str, typer.Option(help="End so long ago or at such a time; without it now.")] = "",
+    until: Annotated[str, typer.Option(help="End this long ago or at such a time; default: now.")] = "",
     newest: Annotated[int, typer.Option(help="Print no more than the newest values, the last one first.", min=0)] = 0,
     calculate: Annotated[
         str, typer.Option(help=f"Calculate in place of printing each value: {', '.join(AGGREGATE_NAMES)}.")
     ] = "",
-    every: Annotated[str, typer.Option(help="With --calculate: of so long each (10s, 5m, 1h); 0: of all.")] = "0",
+    every: Annotated[
+        str, typer.Option(help="With --calculate: length of each interval (10s, 5m, 1h); 0: one interval for all.")
+    ] = "0",
     as_csv: Annotated[bool, typer.Option("--csv", help="Print CSV: node, time, value, status.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Draw a diagram into this file (png, svg or pdf).")] = None,
     full: Full = False,

@@ -90,7 +90,7 @@ def serve(
             memory.close()
 
     if not modbus.writers:
-        message("modbus.writers is empty: nobody may write or command")
+        message("modbus.writers is empty: no client may write or command")
     run(served())
 
 

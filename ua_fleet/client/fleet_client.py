@@ -520,7 +520,7 @@ def _check_takes_certificates(endpoint: str, offer: ua.EndpointDescription) -> N
     if all(policy.TokenType != ua.UserTokenType.Certificate for policy in offer.UserIdentityTokens or ()):
         raise AccessRefused(
             StatusCode.BAD_IDENTITY_TOKEN_REJECTED,
-            f"{endpoint} lets nobody in by a certificate, so it is no key service; set `pubsub.security` and "
+            f"{endpoint} accepts no login by certificate, so it is no key service; set `pubsub.security` and "
             "`pubsub.keys.source: service` in the server's fleet.yaml",
         )
 

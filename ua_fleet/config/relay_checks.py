@@ -178,7 +178,7 @@ def _check_json(parts: Parts, leg: _Leg, connections: dict[str, PubSubConfig]) -
     for position in leg.wholes:
         parts.document.problem(
             (*leg.path, "origins", position),
-            f"{leg.source} is JSON, which nobody has signed, so that only single sources go from there to UADP",
+            f"{leg.source} is JSON, which is not signed, so only single sources can be relayed from there to UADP",
             "name them, each like `ua_1_2_1005`",
         )
 

@@ -228,9 +228,9 @@ def weaknesses(config: FleetConfig) -> list[str]:
 
 
 def _weaknesses_of(config: FleetConfig, pubsub: PubSubConfig) -> list[str]:
-    reach = f"whoever reaches {pubsub.url} on {pubsub.interface}"
+    reach = f"anyone who reaches {pubsub.url} on {pubsub.interface}"
     if pubsub.is_brokered:
-        reach = f"whoever the broker {pubsub.url} lets read and write these topics"
+        reach = f"anyone whom the broker {pubsub.url} allows to read and write these topics"
     if pubsub.security is PubSubSecurity.BROKER:
         return _weaknesses_of_json(pubsub)
     if pubsub.security is PubSubSecurity.NONE:
@@ -250,5 +250,5 @@ def _weaknesses_of_json(pubsub: PubSubConfig) -> list[str]:
     if parse_broker_url(pubsub.url).has_tls:
         return []  # that was asked for, and there is what protects it
     may = "can forge them, and command robots" if pubsub.actions else "can forge them"
-    road = f"whoever sees the network to {pubsub.url}, and whoever the broker lets write these topics"
+    road = f"anyone on the network to {pubsub.url}, and anyone whom the broker allows to write these topics"
     return [f"PubSub messages are JSON without TLS: {road}, reads them and {may}"]

@@ -90,7 +90,7 @@ def _bridge(
     proves cannot be carried to another's connection, and its algorithm is that of the channel's policy.
     """
     if context.bridges is None:
-        raise Refusal(StatusCodes.BadIdentityTokenRejected, "nobody logs in by a certificate here")
+        raise Refusal(StatusCodes.BadIdentityTokenRejected, "login by certificate is not configured here")
     if token.PolicyId != CERTIFICATE_POLICY:
         raise Refusal(StatusCodes.BadIdentityTokenInvalid, "the token names no policy that was offered")
     if not channel.secured:

@@ -229,7 +229,9 @@ class TrustList:
             make_private_folder(path)
         for path in (state_dir, folder, *deciding):
             if problem := open_to_others(path):
-                raise ServerStartError(f"{problem} (whoever writes there decides who is trusted)")
+                raise ServerStartError(
+                    f"{problem} (any user who can write there decides which certificates are trusted)"
+                )
 
     @property
     def trusts_all(self) -> bool:

@@ -160,7 +160,7 @@ ALARMS = _metric(
     "Alarms of values: active, unacknowledged, shelved, suppressed or disabled.",
     "state",
 )
-ALARM_EVENTS = _metric("alarm_events_total", _C, _SERVER, "Changes of alarms of values that clients were told of.")
+ALARM_EVENTS = _metric("alarm_events_total", _C, _SERVER, "Changes of alarms of values that were sent to clients.")
 DECISIONS = _metric("decisions_open", _G, _SERVER, "Replacements that an operator has to choose.")
 NAMESPACE_UP = _metric(
     "namespace_up", _G, _SERVER, "1 while the broker of the Unified Namespace is connected; absent without one."

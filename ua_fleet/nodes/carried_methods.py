@@ -55,12 +55,14 @@ class CarriedMethods:
             MethodArgument("RunId", _TEXT, "a run that bridges carry"),
             MethodArgument("Bridge", _TEXT, "a bridge of it that does not answer"),
             MethodArgument("IsOff", _FLAG, "whether it is off, and stays so until this is done"),
-            MethodArgument("Done", _TEXTS, "tasks that its robots have done and nobody has told of, or their steps"),
+            MethodArgument("Done", _TEXTS, "tasks that its robots have done and no bridge reported, or their steps"),
         ), (MethodArgument("Heir", _TEXT, "the bridge that goes on for it"),))  # fmt: skip
 
     async def _adopt(self, run_id: str, bridge: str, is_off: bool, done: list[str]) -> Sequence[Any]:
         if not is_off:
-            raise ScenarioError(f"say that {bridge[:80]!r} is off, once it is: else robots are told twice")
+            raise ScenarioError(
+                f"IsOff is false: switch {bridge[:80]!r} off, then set IsOff; otherwise robots could be commanded twice"
+            )
         if not self._carried.has(run_id):
             raise ScenarioUnknown(f"there is no run {run_id[:80]!r} under way that bridges carry")
         return (self._carried.adopt(run_id, bridge, done, caller().name),)

@@ -90,7 +90,7 @@ _STEP_SHAPES: Final[dict[str, Schema]] = {
             ),
             "timeout_s": _seconds("An execution that takes longer has failed; the skill's own if left out."),
             "retries": _whole("How often it is tried again when it has failed.", 0, MOST_RETRIES, default=0),
-            "on_unknown": _choice("What to do when nobody can tell whether it was done.", OnUnknown, OnUnknown.ASK),
+            "on_unknown": _choice("What to do when it is unknown whether it was done.", OnUnknown, OnUnknown.ASK),
             "after": _names("Tasks that must have been done before, also those of other branches."),
         },
         "task",
@@ -118,7 +118,7 @@ _STEP_SHAPES: Final[dict[str, Schema]] = {
         anyOf=[_some("then"), _some("else")],
     ),
     "repeat": _step(
-        "Steps again and again: so many times, or while a condition holds, or both.",
+        "Repeats steps: a number of times, or while a condition holds, or both.",
         {
             "repeat": _STEPS,
             "times": _whole("How often.", 1, MOST_REPEATS),
@@ -132,9 +132,9 @@ _STEP_SHAPES: Final[dict[str, Schema]] = {
     "wait": _step(
         "Until a condition holds, an event happens, or some time is over.",
         {
-            "wait": _seconds("For so many seconds; without a value until `until` or `event`."),
+            "wait": _seconds("For this number of seconds; without a value until `until` or `event`."),
             "until": _expression("Until this holds.", "temperature < 40"),
-            "event": _text("Until somebody tells the run of this event."),
+            "event": _text("Until this event is sent to the run."),
             "timeout_s": _seconds("Longest wait."),
             "on_timeout": _choice("What to do when it does not come in time.", OnTimeout, OnTimeout.FAIL),
         },

@@ -249,7 +249,7 @@ class Run:
                 moment.effects.append(cancel(task_run))
                 said = f"it was done before {task_run.robot} began: {message or outcome.value}"
             elif task_run.phase not in _ACTIVE:
-                said = f"{task_run.executed_by} has told after all: {message or outcome.value}; nobody need answer"
+                said = f"{task_run.executed_by} reported late: {message or outcome.value}; the question is closed"
             if halting is not None and outcome not in (TaskOutcome.DONE, TaskOutcome.UNKNOWN):
                 is_begun = halting.outcome is not TaskOutcome.TIMED_OUT or outcome not in _NEVER_BEGUN
                 how = halting.outcome if is_begun and outcome is not TaskOutcome.STOPPED else outcome
@@ -306,7 +306,7 @@ class Run:
             ScenarioError: nobody is asked about this step, or another answer.
         """
         if self.state.phase(step) is not TaskPhase.ASKED:
-            raise ScenarioError(f"nobody is asked about step {step!r}")
+            raise ScenarioError(f"step {step!r} asks no question")
         if answer not in ANSWERS:
             raise ScenarioError(f"{answer!r} is no answer; known answers: {', '.join(ANSWERS)}")
 
@@ -438,7 +438,7 @@ class Run:
         reason = closing.reason
         if left:
             robots = ", ".join(sorted({task_run.robot for _, task_run in left}))
-            reason = f"{reason}; {robots} did not say that it has stopped"
+            reason = f"{reason}; {robots} did not confirm that it has stopped"
             moment.effects += [ReleaseRobot(step) for step, _ in left]
         self.note(RunEnded(moment.now, closing.outcome, reason), moment)
 
@@ -521,7 +521,7 @@ class Run:
         message = message or ("" if then is Then.DONE else f"{task_run.skill} on {task_run.robot}: {outcome.value}")
         if outcome is TaskOutcome.UNKNOWN and then is Then.FAILED:
             message = (
-                f"task {task_run.name}: {message}; nobody knows whether it is done, and nobody else is to begin it"
+                f"task {task_run.name}: {message}; it is unknown whether it is done, so no other robot may begin it"
             )
         if outcome is TaskOutcome.UNKNOWN and then in (Then.REPLACE, Then.FAILED):
             moment.effects.append(cancel(task_run))

@@ -261,7 +261,7 @@ class Tending:
         if moment.now < until:
             moment.deadlines.append(until)
             return
-        said = f"{halting.reason}; {task_run.robot} did not say that it has stopped"
+        said = f"{halting.reason}; {task_run.robot} did not confirm that it has stopped"
         self._run.over(step, task_run, TaskOutcome.UNKNOWN, said, {}, moment)
 
     def _tend_silent(self, step: str, task: Task, task_run: TaskRun, since: float, moment: WalkState) -> None:

@@ -179,7 +179,7 @@ class Held:
             answer = json.loads(self._lines.readline(_LINE_BYTES))
         except (OSError, ValueError):
             raise StorageUnavailable(
-                f"{self._place}: the process has ended, or did not hold its files for so long; make the backup again"
+                f"{self._place}: the process ended, or released its files too early; make the backup again"
             ) from None
         if "error" in answer:
             raise StorageUnavailable(f"{self._place}: {answer['error']}")

@@ -66,6 +66,8 @@ class LeaseNumbers:
         except FileNotFoundError:
             return 0
         except (ValueError, TypeError, KeyError, RecursionError):
-            said = "is no file of lease numbers; with a backup put that back, else remove it once nobody drives"
+            said = (
+                "is no file of lease numbers; restore it from a backup, or remove it while no robot is driven by hand"
+            )
             raise StorageUnavailable(f"{self._path}: {said}") from None
         return reserved

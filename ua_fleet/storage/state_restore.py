@@ -80,7 +80,7 @@ def _unpack(backup: Path, program: str, folder: Path) -> Manifest:
         with tarfile.open(backup, "r:") as archive:
             for entry in archive:
                 if manifest is not None:
-                    raise BackupDamaged(f"{backup}: something stands behind its {MANIFEST}")
+                    raise BackupDamaged(f"{backup}: it has data after its {MANIFEST}, which must be the last entry")
                 if entry.name == MANIFEST:
                     manifest = _manifest(archive, entry, program)
                 else:

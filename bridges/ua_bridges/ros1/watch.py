@@ -352,7 +352,9 @@ class Watch:
                 self._return()
             elif told and not self._has_told_order:
                 self._has_told_order = True
-                said = "somebody told the bridge to shut down, and no other node has its name: the bridge goes on"
+                said = (
+                    "the ROS master asked the bridge to shut down, and no other node has its name: the bridge goes on"
+                )
                 self._inlet.put(Dropped(Drop.MISBEHAVED, detail=said))
             elif told:
                 self._inlet.put(Dropped(Drop.MISBEHAVED))

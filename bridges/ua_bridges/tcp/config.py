@@ -129,7 +129,7 @@ class InterpreterLink(
         if (self.connect is None) == (self.listen is None):
             raise ValueError("give either `connect`, where the robot listens, or `listen`, where it connects")
         if self.listen is not None and self.peer is None:
-            raise ValueError("peer: give the robot's address, since nobody else may connect")
+            raise ValueError("peer: give the robot's address; only that address may connect")
         if self.connect is not None and self.peer is not None:
             raise ValueError("peer: belongs to `listen`; remove it")
         return self

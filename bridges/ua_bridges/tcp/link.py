@@ -164,7 +164,9 @@ class Link:
             return
         self._resolving = None
         if found.exception() is not None:
-            self._later(f"nobody knows the address {self._address[0]}; correct it in fleet.yaml, or the name service")
+            self._later(
+                f"the host name {self._address[0]} is not known; correct it in fleet.yaml, or in the name service"
+            )
             return
         known = found.result()
         family, kind, protocol, _, address = known[self._which % len(known)]

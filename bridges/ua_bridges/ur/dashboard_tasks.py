@@ -90,7 +90,7 @@ class PlayTask(Task):
             return Ended(CANCELLED, (), "halted")
         if self._end:
             return Ended(FAILED, (), "the program ended before its last line; see the robot's log")
-        return Forgotten("the program stands, by its end or by somebody; with `end_register` it could tell")
+        return Forgotten("the program has stopped: it ended, or a person stopped it; set `end_register` to know which")
 
     def check_can_halt(self) -> None:
         """See RobotTask."""

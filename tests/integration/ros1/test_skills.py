@@ -107,7 +107,11 @@ async def test_goal_that_ended_while_the_bridge_was_away_is_done(robot: Robot) -
     robot.bridge.end(signal.SIGKILL)
     await asyncio.sleep(0.5)
     await asyncio.to_thread(robot.restart_bridge)
-    assert await robot.end(execution_id) == (DONE, {}, "it is done; its results came while nobody listened")
+    assert await robot.end(execution_id) == (
+        DONE,
+        {},
+        "it is done; its results came while the bridge was not connected",
+    )
     assert len(robot.told()) == 1
 
 

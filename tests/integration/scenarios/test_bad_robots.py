@@ -66,7 +66,8 @@ async def test_answers_that_come_twice_or_late_or_for_another_execution_change_n
         assert await run_is(client, another, "done", "failed") == "failed"
         assert await tasks(client, another, "States") == {"a": "done", "b": "failed"}
         assert (
-            "not done in 1 s; left did not say that it has stopped" in (await tasks(client, another, "Messages"))["b"]
+            "not done in 1 s; left did not confirm that it has stopped"
+            in (await tasks(client, another, "Messages"))["b"]
         )
         assert json.loads((await tasks(client, another, "Results"))["a"]) == {"done": "weld", "seconds": 0}
 

@@ -59,7 +59,7 @@ def test_an_answer_for_another_execution_is_counted() -> None:
     one, told = executing()
     one.begin(SPEC, EXECUTION, 0.0)
     one.end(OTHER, Ended(0))
-    assert drops(told) == ["a robot answered for an execution that nobody waits for"]
+    assert drops(told) == ["a robot answered for an execution that is not open"]
     assert one.get(ID) is not None
 
 
@@ -100,7 +100,7 @@ def test_ends_that_are_remembered_are_bounded() -> None:
         one.begin(SPEC, each, 0.0)
         one.end(each.execution_id, Ended(0))
     one.end(bytes(16), Ended(0))
-    assert drops(told) == ["a robot answered for an execution that nobody waits for"]
+    assert drops(told) == ["a robot answered for an execution that is not open"]
 
 
 def test_what_the_robot_never_heard_of_may_be_begun_again() -> None:
@@ -129,5 +129,5 @@ def test_a_robot_that_stands_is_told_once_and_again_when_it_goes_on() -> None:
         ExecutionProgressed(ID, 0.5, "it stands"),
     ]
     one.suspended(OTHER, 0.5)
-    assert drops(told) == ["a robot answered for an execution that nobody waits for"]
+    assert drops(told) == ["a robot answered for an execution that is not open"]
     assert [opened.execution_id for opened in one.overdue(15.0)] == [ID], "its time goes on"

@@ -182,8 +182,8 @@ def test_a_value_that_no_connection_brings_to_a_bridge_is_named() -> None:
 @pytest.mark.parametrize(
     ("steps", "said"),
     [
-        ([task("one", "a"), {"wait": None, "event": "go"}], "'go' is told to the server"),
-        ([{"if": "a.order > 0", "then": task("one", "a")}], "'a.order' is said by the server"),
+        ([task("one", "a"), {"wait": None, "event": "go"}], "'go' is sent to the server"),
+        ([{"if": "a.order > 0", "then": task("one", "a")}], "'a.order' is a value of the server"),
         ([task("one", "elsewhere")], "no robot for it lives behind a bridge"),
     ],
 )

@@ -77,7 +77,7 @@ def test_the_delivery_guarantee_is_a_quality_of_service(delivery: str, qos: int)
 
 def test_what_a_broker_lets_others_read_is_told() -> None:
     (weakness,) = weaknesses(fleet())
-    assert "whoever the broker mqtt://broker lets read and write" in weakness
+    assert "anyone whom the broker mqtt://broker allows to read and write" in weakness
 
 
 def test_a_password_comes_from_the_first_line_of_a_file_that_only_its_owner_reads(tmp_path: Path) -> None:

@@ -140,7 +140,7 @@ def test_the_client_id_at_a_broker_has_the_group_of_the_relay(tmp_path: Path) ->
         (
             "source: hall, target: site, origins: [cell]",
             "source: office, target: hall, origins: [cell, ua_3_2_9]",
-            "relays.gate.forwards[0].origins[0]: office is JSON, which nobody has signed, so that only single sources",
+            "relays.gate.forwards[0].origins[0]: office is JSON, which is not signed, so only single sources",
         ),
         ("origins: [2, yard]", "origins: [2, yard, 9]", "space 9 is no bridge's, so that the key service has no keys"),
         ("relays:\n  gate:", "relays:\n  cell:", "relays.cell: `cell` is the name of a bridge, too"),

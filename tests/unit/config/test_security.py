@@ -37,7 +37,7 @@ def test_a_process_needs_all_data_its_own_commands_and_those_that_it_gives() -> 
 
 
 URL = "opc.udp://224.0.2.14:4840"
-NONE = f"PubSub messages are neither signed nor encrypted: whoever reaches {URL} on lo can read and forge them"
+NONE = f"PubSub messages are neither signed nor encrypted: anyone who reaches {URL} on lo can read and forge them"
 
 
 def with_pubsub(**pubsub: Any) -> FleetConfig:
@@ -55,7 +55,7 @@ def with_pubsub(**pubsub: Any) -> FleetConfig:
         (
             {"security": "sign", "relaxed_replay": [7, 900], "interface": "eth1"},
             [
-                f"PubSub messages are signed and not encrypted: whoever reaches {URL} on eth1 can read them",
+                f"PubSub messages are signed and not encrypted: anyone who reaches {URL} on eth1 can read them",
                 "PubSub messages of these spaces are taken without a check for replays: 7, 900",
             ],
         ),

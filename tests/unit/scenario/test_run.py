@@ -17,7 +17,7 @@ from ua_fleet.scenario.facts import (
     TaskOver,
 )
 
-NOBODY_KNOWS = "task a: pick on ned: unknown; nobody knows whether it is done, and nobody else is to begin it"
+NOBODY_KNOWS = "task a: pick on ned: unknown; it is unknown whether it is done, so no other robot may begin it"
 BEFORE = "r1: pick on r1: failed; r2: pick on r2: failed"
 HEAD = "version: 1\nname: s\nsteps:\n"
 
@@ -323,7 +323,7 @@ def test_an_unknown_end_is_asked_about(answer: str, log: list[str]) -> None:
     with pytest.raises(ScenarioError, match="known answers: done, retry, fail, replace"):
         world.run.answered(question.step, "perhaps", "anna", 10)
     world.tell(world.run.answered(question.step, answer, "anna", 10))
-    with pytest.raises(ScenarioError, match="nobody is asked"):
+    with pytest.raises(ScenarioError, match="asks no question"):
         world.run.answered(question.step, answer, "bert", 10)
     world.go()
     assert world.log == log
@@ -371,7 +371,7 @@ def test_a_robot_that_does_not_say_that_it_stopped_does_not_hold_the_end_up_for_
     assert world.run.next_deadline() == 11
     assert world.run.poll(world.lookup, 11) != []
     assert effects
-    assert world.run.state.reason == "lunch; ned did not say that it has stopped"
+    assert world.run.state.reason == "lunch; ned did not confirm that it has stopped"
 
 
 def test_ends_that_come_twice_late_or_for_another_execution_change_nothing() -> None:
@@ -458,8 +458,8 @@ def test_a_robot_that_can_tell_later_answers_the_question(
     assert not world.run.ended(question.execution_id, TaskOutcome.UNKNOWN, 10)
     world.tell(world.run.ended(question.execution_id, outcome, 10, results={"weight": 0.5}))
     over = [fact for fact in world.facts(TaskOver) if isinstance(fact, TaskOver)]
-    assert over[1].message == f"ned has told after all: {outcome.value}; nobody need answer"
-    with pytest.raises(ScenarioError, match="nobody is asked"):
+    assert over[1].message == f"ned reported late: {outcome.value}; the question is closed"
+    with pytest.raises(ScenarioError, match="asks no question"):
         world.run.answered(question.step, "retry", "anna", 10)
     world.go()
     assert world.log == log

@@ -304,7 +304,7 @@ class ClientOffers:
         """The skill of an execution; raises OfferRefused where there is none."""
         asked = self._asked.get(execution_id)
         if asked is None:
-            raise OfferRefused(f"nobody is asked for {execution_id.hex()}")
+            raise OfferRefused(f"no robot is asked for execution {execution_id.hex()}")
         return asked.skill
 
     def offer(self, session: str, user: str, topic: Topic) -> None:

@@ -80,7 +80,7 @@ class OperatorDecisions:
     def _check_decision(self, decision_id: str) -> None:
         if decision_id not in self._orchestrator.decisions:
             raise ScenarioUnknown(
-                f"there is no open decision {decision_id[:MOST_NAME]!r}; somebody may have decided it"
+                f"there is no open decision {decision_id[:MOST_NAME]!r}; it may have been decided already"
             )
 
     def what_if(self, robot: str) -> tuple[int, Iterator[FaultForecast]]:

@@ -117,7 +117,9 @@ class FleetValues:
         if status >> 16 == _LAST_USABLE >> 16:
             raise ValueUnknown(f"{name} is not known now (its last value is too old, or of an earlier start)", robot)
         if status == StatusCode.UNCERTAIN_LAST_USABLE_VALUE and full in self._on_demand:
-            raise ValueUnknown(f"{name} is not known now (it was not read since somebody needed it last)", robot)
+            raise ValueUnknown(
+                f"{name} is not known now (it is read on demand, and was not read since the last demand)", robot
+            )
         value = self._values.get(full)
         if index is not None:
             if not isinstance(value, tuple | list):

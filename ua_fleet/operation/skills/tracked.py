@@ -113,7 +113,7 @@ class TrackedSkill:
         changes: list[SkillChange] = []
         for execution in list(self.executions.values()):
             if not execution.is_over and execution.id not in self.listed and execution.began + patience < ticks:
-                said = "nobody has told how it ended; see what the robot does"
+                said = "its end was not reported; see what the robot does"
                 status = int(StatusCode.UNCERTAIN)
                 gone = replace(execution, state=_S.UNKNOWN, status=status, message=said, ended=ticks)
                 changes += self.take(gone, ticks)

@@ -192,7 +192,7 @@ class MqttTransport:
     async def start(self, receive: Receive) -> None:
         """Connect from now on, and again whenever the connection is lost; a broker that is away is waited for."""
         if self._core is None:
-            raise TransportError(f"{self._url}: nobody has said who speaks there")
+            raise TransportError(f"{self._url}: no publisher was set for this connection before its start")
         loop = asyncio.get_running_loop()
         self._receive, self._clock = receive, loop.time
         self._task = loop.create_task(self._keep_connected(), name=f"broker {self._url}")

@@ -30,7 +30,7 @@ class ServicePort(SkillPort[Graph_contra]):
         super().__init__(spec, executing, put)
         self._way, self._name = way, absolute(way.name)
         self._no_service = f"there is no service {self._name}; start the robot's node"
-        self.cannot_stop = f"the service {self._name} cannot be stopped once it is called"
+        self.cannot_stop = f"the service {self._name} cannot be stopped after it is called"
 
     @abstractmethod
     def _is_there(self) -> bool:

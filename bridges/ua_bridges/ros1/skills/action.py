@@ -177,9 +177,11 @@ class Ros1ActionPort(ActionPort[Ros1Graph, _Goal]):
     def _done_without_result(self, execution_id: bytes) -> None:
         """A result is published once; a bridge that was away then knows no more than the status array."""
         if self._way.success is not None:
-            self._executing.forget(execution_id, "it ended while nobody listened, and its result is not known")
+            self._executing.forget(
+                execution_id, "it ended while the bridge was not connected, and its result is not known"
+            )
         elif self.spec.config.results:
-            said = "it is done; its results came while nobody listened"
+            said = "it is done; its results came while the bridge was not connected"
             self._executing.end(execution_id, Ended(StatusCode.UNCERTAIN, (), said))
         else:
             self._executing.end(execution_id, Ended(StatusCode.GOOD))
@@ -213,7 +215,7 @@ class Ros1ActionPort(ActionPort[Ros1Graph, _Goal]):
             return
         self._stop(opened.execution_id, now)
         self._close(opened.execution_id)
-        self._executing.forget(opened.execution_id, f"the server of {self._name} never told of it")
+        self._executing.forget(opened.execution_id, f"the server of {self._name} never reported it")
 
 
 def _execution_id(goal_id: str) -> bytes:

@@ -128,7 +128,7 @@ def test_a_device_that_says_nothing_of_its_halt_is_not_halted() -> None:
     assert bench.lines.overdue(overdue)
     assert bench.facts(ExecutionEnded) == []
     (forgotten,) = bench.facts(ExecutionForgotten)
-    assert "nobody has seen that it stands" in forgotten.message
+    assert "its standstill is not confirmed" in forgotten.message
 
 
 def test_what_could_not_be_written_is_not_done() -> None:

@@ -119,7 +119,7 @@ def test_a_robot_that_ignores_its_halt_is_not_halted(status: dict[str, str]) -> 
     bench.give_up(1.0 + HALTED_S)
     assert bench.ends() == []
     (said,) = bench.forgotten()
-    assert "nobody has seen that it stands" in said
+    assert "its standstill is not confirmed" in said
 
 
 def test_a_status_of_the_time_before_is_no_word_of_the_halt() -> None:

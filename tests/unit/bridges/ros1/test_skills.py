@@ -228,11 +228,16 @@ def test_asked_goal_sends_nothing_and_goes_on(acting: Acting) -> None:
 @pytest.mark.parametrize(
     ("via", "fact"),
     [
-        ({}, ExecutionEnded(ID, StatusCode.UNCERTAIN, (), "it is done; its results came while nobody listened")),
+        (
+            {},
+            ExecutionEnded(
+                ID, StatusCode.UNCERTAIN, (), "it is done; its results came while the bridge was not connected"
+            ),
+        ),
         ({"results": {}}, ExecutionEnded(ID)),
         (
             {"success": "result > 0"},
-            ExecutionForgotten(ID, "it ended while nobody listened, and its result is not known"),
+            ExecutionForgotten(ID, "it ended while the bridge was not connected, and its result is not known"),
         ),
     ],
 )

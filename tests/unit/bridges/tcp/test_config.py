@@ -28,7 +28,7 @@ def test_a_file_without_mistakes() -> None:
             INTERPRETER,
             '    interpreter: {listen: "0.0.0.0:4000"}\n',
             "bridges.cell.interpreter",
-            "nobody else may connect",
+            "only that address may connect",
         ),
         (
             INTERPRETER,

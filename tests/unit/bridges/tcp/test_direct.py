@@ -256,7 +256,7 @@ def test_a_robot_that_says_nothing_of_its_halt_is_not_halted() -> None:
     robot.after(3.0)
     assert robot.facts(ExecutionEnded) == []
     (forgotten,) = robot.facts(ExecutionForgotten)
-    assert "nobody has seen that it stands" in forgotten.message
+    assert "its standstill is not confirmed" in forgotten.message
     assert "may still come" in robot.resets[0]
 
 

@@ -144,7 +144,7 @@ def test_one_client_takes_it(hall: Hall) -> None:
         hall.offers.progressed("s2", "bert", ONE, 0.5, "")
     with pytest.raises(OfferRefused, match=r"this session does not offer mechanic\.fix"):
         hall.offers.accept("s3", "carl", ONE)
-    with pytest.raises(OfferRefused, match="nobody is asked for"):
+    with pytest.raises(OfferRefused, match="no robot is asked for"):
         hall.offers.accept("s2", "bert", TWO)
     with pytest.raises(OfferRefused, match="it goes from 0 to 1"):
         hall.offers.progressed("s1", "anna", ONE, 2, "")

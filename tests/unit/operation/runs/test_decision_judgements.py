@@ -60,7 +60,7 @@ def test_they_are_over_with_the_decision(tmp_path: Path) -> None:
     assert [one.by for one in world.journal.settings().values()] == ["otto"]
     world.service.decisions.confirm(decision_id, "right", "otto")
     assert world.journal.settings() == {}
-    with pytest.raises(ScenarioUnknown, match="somebody may have decided it"):
+    with pytest.raises(ScenarioUnknown, match="it may have been decided already"):
         world.service.decisions.judge(decision_id, OTHER, "otto")
 
 

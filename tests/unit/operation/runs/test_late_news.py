@@ -90,7 +90,7 @@ def test_what_was_done_though_its_robot_has_a_fault_is_not_done_again(tmp_path: 
         assert over.message == "it was done before right began: done"
     else:
         assert [robot for robot, _, _ in world.robots.asked] == ["left"]
-        assert over.message == "left has told after all: done; nobody need answer"
+        assert over.message == "left reported late: done; the question is closed"
 
 
 def test_a_fault_and_the_end_that_comes_right_behind_it_choose_nobody(tmp_path: Path) -> None:

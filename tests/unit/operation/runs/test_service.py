@@ -89,7 +89,7 @@ def test_nobody_begins_beside_a_robot_that_does_not_stop_what_took_too_long(tmp_
     assert world.robots.halted == ["left"]
     world.pass_time(HALT_S + 59)
     (asked,) = [output for output in world.said if isinstance(output, OperatorAsked)]
-    assert "not done in 1 s; left did not say that it has stopped; left may still be at it" in asked.question
+    assert "not done in 1 s; left did not confirm that it has stopped; left may still be at it" in asked.question
     assert world.service.open_decisions == 1
     world.pass_time(1.5)
     assert [robot for robot, _, _ in world.robots.asked] == ["left"]
@@ -523,7 +523,7 @@ def test_a_robot_that_can_tell_later_answers_what_operators_were_asked(tmp_path:
     world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.DONE))
     assert world.ended() == ["done"]
     over = [out.fact for out in world.said if isinstance(out, RunChanged) and isinstance(out.fact, TaskOver)][-1]
-    assert over.message == "left has told after all: done; nobody need answer"
+    assert over.message == "left reported late: done; the question is closed"
     assert len(world.robots.asked) == 1
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 import structlog
 
@@ -19,14 +19,12 @@ from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, aside_text,
 from ua_fleet.bridge.told import ToldReasons
 from ua_fleet.config.security import weaknesses
 from ua_fleet.errors import DriverFailed
+from ua_fleet.one_timer import PAUSE_S, OneTimer
 from ua_fleet.pubsub.group_figures import LinkErrors, figures_of
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.transport.base import Address
 
 __all__ = ["BridgeShell"]
-
-PAUSE_S: Final = 1.0
-"""What was due and has failed is tried again after so long."""
 
 
 class BridgeShell:
@@ -43,8 +41,8 @@ class BridgeShell:
         self._core, self._subscriber = parts.core, parts.subscriber
         self._actions, self._inlet = parts.actions, parts.inlet
         self._links_seen = [LinkErrors() for _ in parts.connections.all]
-        self._timer: asyncio.TimerHandle | None = None
-        self._status_at = self._not_before = 0.0
+        self._timer = OneTimer(self._loop, self._on_timer)
+        self._status_at = 0.0
         self._told = ToldReasons()
         self._links = LinkLog(self._log)
         self.over: asyncio.Future[None] = self._loop.create_future()
@@ -80,8 +78,7 @@ class BridgeShell:
         self._core.end()
         self._inlet.close()
         self.parts.sender.close()
-        if self._timer is not None:
-            self._timer.cancel()
+        self._timer.cancel()
 
     def receive(self, datagram: bytes, sender: Address, *, is_fresh: bool = True, connection: int = 0) -> None:
         """Take a datagram from a transport, or what its broker had kept."""
@@ -125,15 +122,9 @@ class BridgeShell:
     def arm(self) -> None:
         """Set the one timer to the next deadline, unless it will ring before that."""
         deadline = self._core.next_deadline()
-        at = self._status_at if deadline is None else max(min(deadline, self._status_at), self._not_before)
-        if self._timer is not None:
-            if self._timer.when() <= at:
-                return
-            self._timer.cancel()
-        self._timer = self._loop.call_at(at, self._on_timer)
+        self._timer.set(self._status_at if deadline is None else min(deadline, self._status_at))
 
     def _on_timer(self) -> None:
-        self._timer = None
         now = self._loop.time()
         is_round = now >= self._status_at
         if is_round:  # first, since it makes the keep-alive that is due with it needless
@@ -144,7 +135,7 @@ class BridgeShell:
             self._core.poll(now, wall_ticks(), is_round=is_round)
         except Exception as error:  # noqa: BLE001 - what is due stays due: it is tried again, and not all the time
             self._mistakes.caught("timer", error)
-            self._not_before = now + PAUSE_S
+            self._timer.pause(now + PAUSE_S)
         self.arm()
 
     def _report(self, now: float) -> None:

@@ -25,6 +25,7 @@ from ua_fleet.bridge.core import BridgeCore
 from ua_fleet.bridge.driver import Driver, SourceFound
 from ua_fleet.bridge.immediate import ImmediateActions
 from ua_fleet.counters import Counters, Drop
+from ua_fleet.one_timer import OneTimer
 from ua_fleet.pubsub.events import ActionReceived, SetpointReceived
 from ua_fleet.pubsub.metadata import type_codes
 from ua_fleet.pubsub.publisher import Publisher
@@ -128,8 +129,8 @@ class BridgeTeleoperation:
         )
         self._ends: dict[str, int] = {}
         """How many ends of leases were told, by robot."""
-        self._timer: asyncio.TimerHandle | None = None
-        self._not_before = self._slept_s = 0.0
+        self._timer = OneTimer(self._loop, self._on_timer)
+        self._slept_s = 0.0
         self._at_rest = asyncio.Event()
         self._is_ending = False
 
@@ -158,8 +159,7 @@ class BridgeTeleoperation:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(max(each.model.stop_s for each in self._controls.values()) + _STOP_PATIENCE_S):
                 await self._at_rest.wait()
-        if self._timer is not None:
-            self._timer.cancel()
+        self._timer.cancel()
 
     def driven_by(self, robot: str) -> str:
         """Why a robot does no skill now, since it is driven by hand; empty where it may."""
@@ -219,27 +219,21 @@ class BridgeTeleoperation:
         due = [self._actions.next_deadline()]
         for control in self._controls.values():
             due += [at - self._slept_s for at in (control.next_step, control.next_publish) if at is not None]
-        at = max(min((each for each in due if each is not None), default=math.inf), self._not_before)
-        if at == math.inf or (self._timer is not None and self._timer.when() <= at):
-            return
-        if self._timer is not None:
-            self._timer.cancel()
-        self._timer = self._loop.call_at(at, self._on_timer)
+        self._timer.set(min((each for each in due if each is not None), default=math.inf))
 
     def _on_timer(self) -> None:
-        self._timer = None
         now = self._loop.time()
         for robot, control in self._controls.items():
             try:
                 self._serve(robot, control, now)
             except Exception as error:  # noqa: BLE001 - a mistake with one robot must not keep the others from stopping
                 control.end("the bridge failed while it drove the robot", self._control_time(now))
-                self._not_before = now + _PAUSE_S
+                self._timer.pause(now + _PAUSE_S)
                 self._caught("teleoperation", error)
         try:
             self._actions.poll(now)
         except Exception as error:  # noqa: BLE001 - whatever is wrong with an answer, the robots go on
-            self._not_before = now + _PAUSE_S
+            self._timer.pause(now + _PAUSE_S)
             self._caught("teleoperation", error)
         self._arm()
 

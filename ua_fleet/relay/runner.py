@@ -23,6 +23,7 @@ from ua_fleet.keys.source import KeySource
 from ua_fleet.monitoring import Mistakes, Monitor
 from ua_fleet.monitoring.counted import counted, keys_left, transported
 from ua_fleet.monitoring.metrics import Family
+from ua_fleet.one_timer import PAUSE_S, OneTimer
 from ua_fleet.pubsub.security.groups import relay_group
 from ua_fleet.relay.core import Forwarded, RelayCore, RelayedConnection
 from ua_fleet.storage.process_lock import process_lock
@@ -36,8 +37,6 @@ from ua_fleet.wire.security import SecurityMode
 __all__ = ["run_relay"]
 
 REPORT_S: Final = 1.0
-PAUSE_S: Final = 1.0
-"""What was due and has failed is tried again after so long."""
 
 
 class _Shell:
@@ -90,8 +89,8 @@ class _Shell:
                         setpoint_groups=groups,
                     )
                 )
-        self._timer: asyncio.TimerHandle | None = None
-        self._report_at = self._not_before = 0.0
+        self._timer = OneTimer(self._loop, self._on_timer)
+        self._report_at = 0.0
         for weakness in weaknesses(config):
             self._log.warning(weakness)
 
@@ -104,8 +103,7 @@ class _Shell:
 
     def end(self) -> None:
         """Forward nothing any more."""
-        if self._timer is not None:
-            self._timer.cancel()
+        self._timer.cancel()
 
     def _receive(self, datagram: bytes, sender: Address, *, connection: int, is_fresh: bool = True) -> None:
         try:
@@ -121,15 +119,9 @@ class _Shell:
     def _arm(self) -> None:
         """Set the one timer to the next deadline, unless it will ring before that."""
         deadline = self._core.next_deadline()
-        at = self._report_at if deadline is None else max(min(deadline, self._report_at), self._not_before)
-        if self._timer is not None:
-            if self._timer.when() <= at:
-                return
-            self._timer.cancel()
-        self._timer = self._loop.call_at(at, self._on_timer)
+        self._timer.set(self._report_at if deadline is None else min(deadline, self._report_at))
 
     def _on_timer(self) -> None:
-        self._timer = None
         now = self._loop.time()
         if now >= self._report_at:
             self._report_at = now + REPORT_S
@@ -139,7 +131,7 @@ class _Shell:
             self._send(self._core.poll(now))
         except Exception as error:  # noqa: BLE001 - what is due stays due: it is tried again, and not all the time
             self._mistakes.caught("timer", error)
-            self._not_before = now + PAUSE_S
+            self._timer.pause(now + PAUSE_S)
         self._arm()
 
     def _report(self, now: float) -> None:

@@ -83,12 +83,17 @@ class KeysKept:
 
     def arrived(self, group_id: str) -> None:
         """Keys of a group were fetched."""
-        if group_id not in self.groups:
-            self.groups.add(group_id)
-            self._news.set()
+        self.groups.add(group_id)
+
+    def round_over(self) -> None:
+        """The source was asked for all that is due, as far as it answers."""
+        self._news.set()
 
     async def wait_for(self, group_ids: Iterable[str]) -> None:
-        """Wait until keys of all these groups were fetched. For one waiter at a time."""
+        """Wait until keys of all these groups were fetched, and the source was asked for those of the others too.
+
+        So who begins then does not drop what it hears first, retained metadata above all. For one waiter at a time.
+        """
         wanted = set(group_ids)
         while not wanted <= self.groups:
             self._news.clear()
@@ -261,6 +266,7 @@ async def keep_keys(
     assert task is not None
     while True:
         await keeper.fetch_what_is_due(clock)
+        kept.round_over()
         if task.cancelling():
             # A connection that fails in the moment of the cancellation swallows it (asyncio.wait_for before 3.12).
             raise asyncio.CancelledError

@@ -61,6 +61,7 @@ class World:
     async def fetch(self, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
         assert (starting_token_id, count) == (0, 5)
         self.asked.append((self.now - 1000.0, group_id))
+        await asyncio.sleep(0)  # others have their turn meanwhile
         given = self.gives.get(group_id, keys())
         if isinstance(given, Exception):
             raise given
@@ -296,8 +297,22 @@ async def test_waiting_for_the_first_keys() -> None:
     kept = KeysKept()
     waiting = asyncio.ensure_future(kept.wait_for(["t-0", "t-2"]))
     for group_id in ("t-7", "t-2", "t-0"):
+        kept.round_over()
         await asyncio.sleep(0)
         assert not waiting.done()
         kept.arrived(group_id)
+    await asyncio.sleep(0)
+    assert not waiting.done(), "the others are asked for first"
+    kept.round_over()
     await asyncio.wait_for(waiting, 5)
     await kept.wait_for(["t-0"])
+
+
+async def test_who_waits_for_its_own_key_begins_with_all_that_the_source_gives() -> None:
+    world = World("t-0", "t-1", "t-2", "t-3")
+    world.gives |= {"t-1": KeysRefused("t-1", "not yours"), "t-3": KeySourceUnavailable("away")}
+    waiting = asyncio.ensure_future(world.kept.wait_for(["t-0"]))
+    had: list[set[str]] = []
+    waiting.add_done_callback(lambda _: had.append(set(world.kept.groups)))
+    await world.run(2)
+    assert had == [{"t-0", "t-2"}], "what is refused or away is not waited for"

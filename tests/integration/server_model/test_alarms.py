@@ -196,24 +196,24 @@ async def test_shelving_suppressing_disabling_and_who_may(udp_url: str, tcp_port
         await refused("BadConditionNotShelved", shelving, UNSHELVE)
         await refused("BadShelvingTimeOutOfRange", shelving, TIMED, ua.Variant(-1.0, ua.VariantType.Double))
         await shelving.call_method(TIMED, milliseconds)
-        shelved = await watched.next(SuppressedOrShelved=True)
+        shelved = await watched.next(SourceName="rover.speed", SuppressedOrShelved=True)
         assert shelved["ShelvingState/CurrentState"].Text == "TimedShelved"
-        again = await watched.next(SuppressedOrShelved=False)
+        again = await watched.next(SourceName="rover.speed", SuppressedOrShelved=False)
         assert again["ShelvingState/CurrentState"].Text == "Unshelved", "by its own timer"
         await shelving.call_method(ONE_SHOT)
         await refused("BadConditionAlreadyShelved", shelving, ONE_SHOT)
         await shelving.call_method(UNSHELVE)
         theirs = engineer.get_node(ALARM)
         await theirs.call_method(SUPPRESS)
-        await watched.next(SuppressedState_Id=True)
+        await watched.next(SourceName="rover.speed", SuppressedState_Id=True)
         await theirs.call_method(UNSUPPRESS)
         await refused("BadConditionAlreadyEnabled", theirs, ENABLE)
         await theirs.call_method(DISABLE)
-        assert (await watched.next(EnabledState_Id=False))["Retain"] is False
+        assert (await watched.next(SourceName="rover.speed", EnabledState_Id=False))["Retain"] is False
         await refused("BadConditionDisabled", alarm, ACKNOWLEDGE, active["EventId"], text("?"))
         await refused("BadConditionAlreadyDisabled", theirs, DISABLE)
         await theirs.call_method(ENABLE)
-        assert (await watched.next(EnabledState_Id=True))["Retain"] is True
+        assert (await watched.next(SourceName="rover.speed", EnabledState_Id=True))["Retain"] is True
 
 
 async def test_who_watches_what_is_put_aside_is_told_of_it(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
@@ -270,7 +270,7 @@ async def test_all_states_outlive_a_restart(udp_url: str, tcp_port: int, tmp_pat
         alarm = client.get_node(ALARM)
         await alarm.call_method(ACKNOWLEDGE, active["EventId"], text("seen"))
         await client.get_node(f"{ALARM}.ShelvingState").call_method(ONE_SHOT)
-        last = await watched.next(SuppressedOrShelved=True)
+        last = await watched.next(SourceName="rover.speed", SuppressedOrShelved=True)
     async with serving(tmp_path, config) as running, running.client() as client, watching(client) as watched:
         number = ua.Variant(watched.subscription.subscription_id, ua.VariantType.UInt32)
         await client.get_node(ua.NodeId(2782, 0)).call_method(REFRESH, number)

@@ -2,7 +2,8 @@
 
     python -m benchmarks._mqtt_subject ours FLEET_JSON | bare URL
 
-Prints `ready`. Each line on the standard input is answered with what was heard since the last one, as JSON.
+Prints `ready`. Each line on the standard input is answered with what was heard since the last one, as JSON; `numbers`
+with all values themselves since they were asked for last.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import resource
 import struct
 import sys
 import time
+from array import array
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,8 @@ class Heard:
     """What was heard since it was asked last."""
 
     def __init__(self) -> None:
+        self._numbers = array("d")
+        self._statuses = 0
         self._clear()
 
     def _clear(self) -> None:
@@ -38,11 +42,16 @@ class Heard:
         """A source has a value: how many there were before it, or the monotonic clock when it was sent."""
         self._last_at = time.monotonic()
         self._count += 1
+        self._numbers.append(value)
         if self._last.get(key, -1.0) >= value:
             self._disordered += 1
         self._last[key] = value
         if len(self._ages) < 10_000:
             self._ages.append(self._last_at - value)
+
+    def status(self) -> None:
+        """A source keeps its value, with a status that is not Good."""
+        self._statuses += 1
 
     def message(self) -> None:
         """A message has come, whatever is in it."""
@@ -67,6 +76,9 @@ class Heard:
         while line := (await asyncio.to_thread(sys.stdin.readline)).strip():
             if line == "look":
                 print(json.dumps({"count": self._count}), flush=True)
+            elif line == "numbers":
+                print(json.dumps({"numbers": self._numbers.tolist(), "statuses": self._statuses}), flush=True)
+                self._numbers, self._statuses = array("d"), 0
             else:
                 print(self.take(), flush=True)
 
@@ -82,8 +94,10 @@ async def ours(path: Path, content: str) -> None:
 
     def noted(projection: Projection, change: Any, *, ahead: bool = False) -> None:
         write(projection, change, ahead=ahead)
-        if type(change.value) is float:
+        if type(change.value) is float and change.status == 0:
             heard.value(change.key, change.value)
+        elif type(change.value) is float:
+            heard.status()
 
     setattr(Projection, "write", noted)  # noqa: B010 - a monitored item of each node would cost more than the write
     config = FleetConfig.model_validate_json(content)

@@ -14,14 +14,13 @@ from ua_fleet.wire.json.causes import Leniency
 from ua_fleet.wire.json.data_messages import FieldsOf, JsonData, Source
 from ua_fleet.wire.json.dates import usual_date
 from ua_fleet.wire.json.parsing import DEFAULT_LIMITS, is_deeper
-from ua_fleet.wire.messages import DataSetMessage, FrameKind, NetworkMessage, PublisherIdType
+from ua_fleet.wire.messages import DataSetMessage, FieldEncoding, FrameKind, NetworkMessage, PublisherIdType
 
 __all__ = ["KeyFrame", "data_of_key_frame", "decode_usual_message", "usual_key_frame"]
 
 _UINT32: Final = 0xFFFF_FFFF
 _KEY: Final = FrameKind.KEY.value
-_REST: Final = DataSetMessage(0)[10:]
-"""What stands behind the versions of a DataSetMessage."""
+_VARIANT: Final = FieldEncoding.VARIANT
 _AROUND_PAYLOAD: Final = 3
 """Objects and arrays of a message around its payload."""
 _STRING: Final = PublisherIdType.STRING.value
@@ -137,14 +136,16 @@ def data_of_key_frame(
         return None
     if fields.may_nest and is_deeper(payload, depth - _AROUND_PAYLOAD):
         return None
-    planned = fields.planned(payload)
-    if planned is None:
+    values = fields.planned(payload)
+    if values is None:
         return None
-    types, values = planned
-    publisher_id, group, writer_id, _ = source
+    publisher_id, group, writer_id = source[0], source[1], source[2]  # faster than to take a NamedTuple apart
+    types = fields.planned_types
     # All parts of a DataSetMessage and of a NetworkMessage, in their order.
-    head = writer_id, _KEY, types, values, sequence_number, timestamp, None, status, major_version, minor_version
-    message = _new(DataSetMessage, head + _REST)
+    message = _new(DataSetMessage, (
+        writer_id, _KEY, types, values, sequence_number, timestamp, None, status, major_version, minor_version,
+        _VARIANT, None, None, None, None, None, None, None, True,
+    ))  # fmt: skip
     network_message = _new(
         NetworkMessage,
         (publisher_id, _STRING, None, None, None, None, None, None, None, None, None, True, (message,)),

@@ -3,7 +3,7 @@
     python -m benchmarks._mqtt_subject ours FLEET_JSON | bare URL
 
 Prints `ready`. Each line on the standard input is answered with what was heard since the last one, as JSON; `numbers`
-with all values themselves since they were asked for last.
+with the values themselves since they were asked for last, and how often one was kept with another status.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ class Heard:
     """What was heard since it was asked last."""
 
     def __init__(self) -> None:
-        self._numbers = array("d")
-        self._statuses = 0
+        self.holds = 0
+        """How often a value waited for its turn to be written."""
+        self._numbers, self._statuses = array("d"), 0
         self._clear()
 
     def _clear(self) -> None:
@@ -77,7 +78,7 @@ class Heard:
             if line == "look":
                 print(json.dumps({"count": self._count}), flush=True)
             elif line == "numbers":
-                print(json.dumps({"numbers": self._numbers.tolist(), "statuses": self._statuses}), flush=True)
+                print(json.dumps([self._numbers.tolist(), self._statuses]), flush=True)
                 self._numbers, self._statuses = array("d"), 0
             else:
                 print(self.take(), flush=True)
@@ -87,19 +88,29 @@ async def ours(path: Path, content: str) -> None:
     """The product's server; a value counts once it was written to its node."""
     from ua_fleet.cli.process import collection_paused
     from ua_fleet.config.schema import FleetConfig
+    from ua_fleet.fleet.changes import ValueChanged
     from ua_fleet.nodes.projection import Projection
     from ua_fleet.server import app
 
-    heard, write = Heard(), Projection.write
+    heard, write, hold = Heard(), Projection.write, Projection._hold  # pyright: ignore[reportPrivateUsage]
 
     def noted(projection: Projection, change: Any, *, ahead: bool = False) -> None:
+        holds = heard.holds
         write(projection, change, ahead=ahead)
-        if type(change.value) is float and change.status == 0:
-            heard.value(change.key, change.value)
-        elif type(change.value) is float:
+        if type(change.value) is not float or heard.holds != holds:  # one that waits comes here again in its turn
+            return
+        if change.status:
             heard.status()
+        else:
+            heard.value(change.key, change.value)
 
-    setattr(Projection, "write", noted)  # noqa: B010 - a monitored item of each node would cost more than the write
+    def held(projection: Projection, change: ValueChanged) -> None:
+        hold(projection, change)
+        heard.holds += 1
+
+    # A monitored item of each node would cost more than the write.
+    setattr(Projection, "write", noted)  # noqa: B010
+    setattr(Projection, "_hold", held)  # noqa: B010
     config = FleetConfig.model_validate_json(content)
     with collection_paused() as settled:
 

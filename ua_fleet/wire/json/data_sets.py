@@ -15,7 +15,7 @@ from ua_fleet.values import BuiltinType, DataValue, Variant
 from ua_fleet.wire.data_set_message import with_data_values
 from ua_fleet.wire.json.causes import JsonCause, Leniency
 from ua_fleet.wire.json.data_types import DataTypes
-from ua_fleet.wire.json.field_plan import FieldPlans, compile_fields
+from ua_fleet.wire.json.field_plan import DecodePayload, FieldPlans, compile_fields
 from ua_fleet.wire.json.fields import (
     NO_VALUE,
     FieldValue,
@@ -51,17 +51,21 @@ class DataSetFields:
 
     planned_types: tuple[int, ...]
     """The types of what `planned` returns."""
+    decode_usual: DecodePayload
+    """The plan that has fitted last: `planned` but for other forms. `reading` has to have spent nothing."""
+    reading: Reading
+    """Of plans, which forgive nothing."""
 
     __slots__ = (
-        "_decode",
         "_positions",
-        "_reading",
+        "decode_usual",
         "fields",
         "major_version",
         "may_nest",
         "metadata",
         "planned_types",
         "plans",
+        "reading",
         "types",
     )
 
@@ -74,8 +78,8 @@ class DataSetFields:
         self.plans: FieldPlans = compile_fields(self.fields)
         self.may_nest = any(field.kind in _NESTING for field in self.fields)
         self.planned_types = tuple([field.code for field in self.fields])
-        self._decode = _decode_nothing
-        self._reading = Reading(metadata.namespaces, self.types)  # of plans, which forgive nothing
+        self.decode_usual = _decode_nothing
+        self.reading = Reading(metadata.namespaces, self.types)
         self._positions = {field.name: index for index, field in enumerate(self.fields)}
 
     def writing(self, form: Form) -> Writing:
@@ -95,27 +99,24 @@ class DataSetFields:
             raise RemoteWireError(JsonCause.SHAPE, f"a payload that is no object: {shown(payload)}")
         if message.kind != FrameKind.DELTA:
             planned = self.planned(payload)
-            reading.spend(self._reading.packed)  # all DataSetMessages of a message have one budget
+            reading.spend(self.reading.packed)  # all DataSetMessages of a message have one budget
             if planned is not None:
                 return message._replace(types=self.planned_types, values=planned)
         return self.decode_by_names(reading, message, payload)
 
     def planned(self, payload: dict[str, Any]) -> tuple[Any, ...] | None:
         """The values of a payload that has all fields, in their order and in a usual form; None for another."""
-        reading = self._reading
+        reading = self.reading
         reading.packed = 0
-        values = self._decode(reading, payload)
-        return self._planned_otherwise(payload) if values is None else values
-
-    def _planned_otherwise(self, payload: dict[str, Any]) -> tuple[Any, ...] | None:
-        """The same by the other plans, of which the one that fits is tried first from now on."""
-        reading = self._reading
+        values = self.decode_usual(reading, payload)
+        if values is not None:
+            return values
         for plan in self.plans:
-            if plan.decode is not self._decode:
+            if plan.decode is not self.decode_usual:
                 values = plan.decode(reading, payload)
                 if values is not None:
                     plan.names[:] = payload  # orjson gives the same texts again, which makes comparing them quick
-                    self._decode = plan.decode
+                    self.decode_usual = plan.decode
                     return values
         return None
 

@@ -21,7 +21,15 @@ from ua_fleet.wire.json.parsing import Reading
 from ua_fleet.wire.json.scalars import FLOAT, RANGES
 from ua_fleet.wire.json.variants import Writing
 
-__all__ = ["GIVE_UP", "MOST_PLANNED_FIELDS", "FieldPlan", "FieldPlans", "compile_fields", "write_fields"]
+__all__ = [
+    "GIVE_UP",
+    "MOST_PLANNED_FIELDS",
+    "DecodePayload",
+    "FieldPlan",
+    "FieldPlans",
+    "compile_fields",
+    "write_fields",
+]
 
 GIVE_UP: Final = (
     struct.error,
@@ -55,12 +63,16 @@ _SPLITTER: Final = float(2**29 + 1)
 """A Double has 29 bits more than a Float."""
 
 
+DecodePayload = Callable[[Reading, dict[str, Any]], tuple[Any, ...] | None]
+"""The values of a payload; None for one of another form."""
+
+
 class FieldPlan(NamedTuple):
     """How payloads of one form are read."""
 
     names: list[str]
     """The names of the fields, which the plan compares with those of a payload."""
-    decode: Callable[[Reading, dict[str, Any]], tuple[Any, ...] | None]
+    decode: DecodePayload
 
 
 FieldPlans = tuple[FieldPlan, ...]

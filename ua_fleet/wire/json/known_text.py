@@ -8,13 +8,13 @@ here, so this reads nothing that the usual way reads otherwise.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
 from orjson import loads
 
 from ua_fleet.wire.json.data_messages import UNKNOWN_SOURCE, FieldsOf, JsonData, Source
 from ua_fleet.wire.json.dates import TICKS_OF_BYTES, usual_date
-from ua_fleet.wire.json.parsing import DEFAULT_LIMITS
+from ua_fleet.wire.json.parsing import DEFAULT_LIMITS, Limits
 from ua_fleet.wire.json.usual_message import data_of_key_frame, usual_key_frame
 
 __all__ = ["decode_known_text", "learn_text"]
@@ -30,6 +30,8 @@ _END: Final = b"}]}"
 _MOST_OUTLINES: Final = 1024
 _LONGEST: Final = 1024
 """Bytes of each constant part."""
+_SHORTEST: Final = len('","MessageType":"ua-data","PublisherId":"","Messages":[{')
+"""Bytes from the end of the MessageId to the sequence number, where that stands behind all of these."""
 _UINT32: Final = 0xFFFF_FFFF
 _LONGEST_NUMBER: Final = len(_NUMBER) + len(str(_UINT32)) + 1
 """With the comma behind it."""
@@ -41,39 +43,28 @@ _BEFORE_FRACTION: Final = _BEFORE_Z - _DIGITS
 _PROBE_TICKS: Final = usual_date("2024-01-17T21:20:00.0000001Z")
 
 
-class _Outline(NamedTuple):
-    """What stands between the variable parts of a text, and what it says."""
+_Outline = tuple[bytes, int, int, bytes, bytes, int, Source, str | None, int | None, int | None, int | None]
+"""What stands between the variable parts of a text, and what it says:
 
-    until_fraction: bytes
-    """From the sequence number to the fraction of the time, with the second that was seen last."""
-    until_fraction_size: int
-    second: int
-    """Ticks of that second."""
-    middle: bytes
-    """From the sequence number to the time."""
-    tail: bytes
-    """From the `Z` of the time to the payload."""
-    tail_size: int
-    source: Source
-    group: str | None
-    status: int | None
-    major_version: int | None
-    minor_version: int | None
+* from the sequence number to the fraction of the time, with the second that was seen last, and the length of that
+* the ticks of that second
+* from the sequence number to the time
+* from the `Z` of the time to the payload, and the length of that
+* source, name of the group, status, major and minor version
 
+No NamedTuple: Python takes a plain tuple apart in a fifth of the time.
+"""
 
-_Parts = tuple[bytes, int, int, bytes, bytes, int, Source, str | None, int | None, int | None, int | None]
-"""Those of an outline. Python takes a plain tuple apart in a fifth of the time that a NamedTuple needs."""
-
-_outlines: Final[dict[bytes, _Parts]] = {}
+_outlines: Final[dict[bytes, _Outline]] = {}
 """By what stands from the end of the MessageId to the sequence number."""
 
 
 def decode_known_text(
-    text: bytes, fields_of: FieldsOf, source: Source, depth: int = DEFAULT_LIMITS.depth
+    text: bytes, fields_of: FieldsOf, source: Source, limits: Limits = DEFAULT_LIMITS
 ) -> JsonData | None:
     """A NetworkMessage of data from its text, which is not too long; None for one that is not of a known outline."""
     id_end = text.find(b'"', _ID)
-    number_at = text.find(_NUMBER, id_end, id_end + _LONGEST)
+    number_at = text.find(_NUMBER, id_end + _SHORTEST, id_end + _LONGEST)
     outline = _outlines.get(text[id_end:number_at])
     if outline is None:
         return None
@@ -102,11 +93,11 @@ def decode_known_text(
     if group is None and source.writer_group_name is not None:
         its_source = its_source._replace(writer_group_name=source.writer_group_name)
     ticks = second + int(digits)
-    return data_of_key_frame(message_id, its_source, number, ticks, status, major, minor, payload, fields_of, depth)
+    return data_of_key_frame(message_id, its_source, number, ticks, status, major, minor, payload, fields_of, limits)
 
 
 def _another_second(
-    text: bytes, id_end: int, number_at: int, number_end: int, outline: _Parts
+    text: bytes, id_end: int, number_at: int, number_end: int, outline: _Outline
 ) -> tuple[int, int, bytes] | None:
     """Where a time ends, the ticks of its second, and the seven digits of its fraction.
 
@@ -129,7 +120,7 @@ def _another_second(
 def learn_text(text: bytes) -> None:
     """Learn the outline of a text that was read the usual way, if it has one."""
     id_end = text.find(b'"', _ID)
-    number_at = text.find(_NUMBER, id_end, id_end + _LONGEST)
+    number_at = text.find(_NUMBER, id_end + _SHORTEST, id_end + _LONGEST)
     number_end = text.find(b",", number_at, number_at + _LONGEST)
     time_at = text.find(_TIME, number_end, number_end + _LONGEST) + len(_TIME)
     payload_at = text.find(_PAYLOAD, time_at, time_at + _LONGEST) + len(_PAYLOAD)
@@ -152,10 +143,9 @@ def learn_text(text: bytes) -> None:
     if said == ("?", parts[0], _UINT32, _PROBE_TICKS, *parts[1:], {"?": 0}):
         if len(_outlines) >= _MOST_OUTLINES:
             _outlines.clear()
-        source, *rest = parts
         until_fraction = middle + _PROBE_TIME[:_BEFORE_FRACTION]
-        first = _PROBE_TICKS - 1
-        outline = _Outline(
-            until_fraction, len(until_fraction), first, middle, tail, len(tail), source, source.writer_group_name, *rest
+        second, source = _PROBE_TICKS - 1, parts[0]
+        _outlines[head] = (
+            *(until_fraction, len(until_fraction), second, middle, tail, len(tail)),
+            *(source, source.writer_group_name, *parts[1:]),
         )
-        _outlines[head] = tuple(outline)

@@ -164,7 +164,10 @@ def _packet(number: int, topic: str, payload: bytes) -> bytes:
 
 
 async def bridges(count: int, *urls: str) -> None:
-    """`SECONDS RATE`: so many bridges, at the nodes of a cluster in turn, with a source each; the rate of all."""
+    """`SECONDS RATE`: so many bridges, at the nodes of a cluster in turn, with a source each; the rate of all.
+
+    The values are numbers, from 1 on, each of which is sent once.
+    """
     topics = [source(number, count) for number in range(count)]
     made = [
         SimulatedBridge(topic.space, [topic], *urls[number % len(urls) :], *urls[: number % len(urls)])
@@ -173,16 +176,18 @@ async def bridges(count: int, *urls: str) -> None:
     for bridge in made:  # one after the other: a cluster that all come to at once is slow to let them in
         await bridge.start()
     print("ready", flush=True)
+    number = 0
     while words := await _line():
         seconds, rate = float(words[0]), float(words[1])
         began, sent = time.monotonic(), 0
         while sent < seconds * rate:
             for _ in range(_due(began, rate, int(seconds * rate)) - sent):
                 sent += 1
-                bridge = made[sent % count]
-                bridge.publish(bridge.topics[0], float(sent))
+                number += 1
+                bridge = made[number % count]
+                bridge.publish(bridge.topics[0], float(number))
             await asyncio.sleep(STEP_S)
-        _done(sent=sent)
+        _done(sent=sent, last=number)
     for bridge in made:
         await bridge.transport.close()
 

@@ -2,7 +2,8 @@
 
     python -m benchmarks._mqtt_subject ours FLEET_JSON | bare URL
 
-Prints `ready`. Each line on the standard input is answered with what was heard since the last one, as JSON.
+Prints `ready`. Each line on the standard input is answered with what was heard since the last one, as JSON; `numbers`
+with the values themselves since they were asked for last, and how often one was kept with another status.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import resource
 import struct
 import sys
 import time
+from array import array
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,9 @@ class Heard:
     """What was heard since it was asked last."""
 
     def __init__(self) -> None:
+        self.holds = 0
+        """How often a value waited for its turn to be written."""
+        self._numbers, self._statuses = array("d"), 0
         self._clear()
 
     def _clear(self) -> None:
@@ -38,11 +43,16 @@ class Heard:
         """A source has a value: how many there were before it, or the monotonic clock when it was sent."""
         self._last_at = time.monotonic()
         self._count += 1
+        self._numbers.append(value)
         if self._last.get(key, -1.0) >= value:
             self._disordered += 1
         self._last[key] = value
         if len(self._ages) < 10_000:
             self._ages.append(self._last_at - value)
+
+    def status(self) -> None:
+        """A source keeps its value, with a status that is not Good."""
+        self._statuses += 1
 
     def message(self) -> None:
         """A message has come, whatever is in it."""
@@ -67,6 +77,9 @@ class Heard:
         while line := (await asyncio.to_thread(sys.stdin.readline)).strip():
             if line == "look":
                 print(json.dumps({"count": self._count}), flush=True)
+            elif line == "numbers":
+                print(json.dumps([self._numbers.tolist(), self._statuses]), flush=True)
+                self._numbers, self._statuses = array("d"), 0
             else:
                 print(self.take(), flush=True)
 
@@ -75,17 +88,29 @@ async def ours(path: Path, content: str) -> None:
     """The product's server; a value counts once it was written to its node."""
     from ua_fleet.cli.process import collection_paused
     from ua_fleet.config.schema import FleetConfig
+    from ua_fleet.fleet.changes import ValueChanged
     from ua_fleet.nodes.projection import Projection
     from ua_fleet.server import app
 
-    heard, write = Heard(), Projection.write
+    heard, write, hold = Heard(), Projection.write, Projection._hold  # pyright: ignore[reportPrivateUsage]
 
     def noted(projection: Projection, change: Any, *, ahead: bool = False) -> None:
+        holds = heard.holds
         write(projection, change, ahead=ahead)
-        if type(change.value) is float:
+        if type(change.value) is not float or heard.holds != holds:  # one that waits comes here again in its turn
+            return
+        if change.status:
+            heard.status()
+        else:
             heard.value(change.key, change.value)
 
-    setattr(Projection, "write", noted)  # noqa: B010 - a monitored item of each node would cost more than the write
+    def held(projection: Projection, change: ValueChanged) -> None:
+        hold(projection, change)
+        heard.holds += 1
+
+    # A monitored item of each node would cost more than the write.
+    setattr(Projection, "write", noted)  # noqa: B010
+    setattr(Projection, "_hold", held)  # noqa: B010
     config = FleetConfig.model_validate_json(content)
     with collection_paused() as settled:
 

@@ -14,6 +14,7 @@ import statistics
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Generator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -68,6 +69,13 @@ def taken(subject: Node) -> dict[str, Any]:
     subject.tell("take")
     told: dict[str, Any] = json.loads(subject.read())
     return told
+
+
+def numbers(subject: Node) -> tuple[Counter[int], int]:
+    """How often which values were written since this was asked last, and how often one was kept with another status."""
+    subject.tell("numbers")
+    written, statuses = json.loads(subject.read())
+    return Counter(map(int, written)), statuses
 
 
 def told_by(sender: Node) -> dict[str, Any]:
@@ -220,18 +228,27 @@ def node_dies() -> list[Figure]:
         told_by(senders)
         time.sleep(2.0)
         before_mb = taken(server)["memory_mb"]
+        numbers(server)
         began = time.monotonic()
         senders.tell(f"{CLUSTER_S} {CLUSTER_RATE}")
         time.sleep(KILLED_AT_S)
         cluster.nodes["a"].end(signal.SIGKILL)
-        count = int(CLUSTER_S * CLUSTER_RATE)
-        told_by(senders)
-        heard = arrived(server, count, began)
-    lost = count - heard.values
+        sent = told_by(senders)
+        heard = arrived(server, sent["sent"], began)
+        written, statuses = numbers(server)
+    count, last = sent["sent"], sent["last"]
+    sending = range(last - count + 1, last + 1)
+    lost = [number for number in sending if number not in written]
+    again = [number for number, times in written.items() if times > 1 or number not in sending]
+    for what, which in (("lost", lost), ("shown twice", again)):
+        if which:
+            print(f"mqtt: {what}: {', '.join(map(str, sorted(which)[:50]))}", file=sys.stderr)
     name = f"cluster, {CLUSTER_RATE:,.0f} values a second of {BRIDGES} bridges, a node killed"
     cpu = heard.cpu_s / heard.seconds * 100
     return [
-        Figure(f"{name}, lost", lost, "values", "sent", count, lost, 0, lost == 0 and not heard.disordered),
+        Figure(f"{name}, lost", len(lost), "values", "sent", count, len(lost), 0, not lost and not heard.disordered),
+        Figure(f"{name}, shown twice", len(again), "values", "sent", count, len(again), 0, not again),
+        shown(f"{name}, sources that were not Good", statuses, "times", reference="sources", reference_value=BRIDGES),
         shown(f"{name}, until the last one", heard.seconds, "s", reference="sent within", reference_value=CLUSTER_S),
         shown(f"{name}, server's CPU", cpu, "%", reference="one core", reference_value=100.0),
         shown(f"{name}, server's memory", heard.memory_mb, "MB", reference="before", reference_value=before_mb),

@@ -47,13 +47,13 @@ def decode_json(
         limits: what a message may have at most.
     """
     if layout is None and len(text) <= limits.elements:  # neither its bytes nor its elements can be too many
-        known = decode_known_text(text, fields_of, source, limits.depth)
+        known = decode_known_text(text, fields_of, source, limits)
         if known is not None:
             return known
     if layout is None and not text.startswith(BYTE_ORDER_MARK):
         tree = load(text, limits)
         if tree.__class__ is dict and tree.get("MessageType") == DATA:
-            usual = decode_usual_message(tree, fields_of, source, limits.depth)
+            usual = decode_usual_message(tree, fields_of, source, limits)
             if usual is not None:
                 learn_text(text)
                 return usual

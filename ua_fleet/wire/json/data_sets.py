@@ -15,7 +15,7 @@ from ua_fleet.values import BuiltinType, DataValue, Variant
 from ua_fleet.wire.data_set_message import with_data_values
 from ua_fleet.wire.json.causes import JsonCause, Leniency
 from ua_fleet.wire.json.data_types import DataTypes
-from ua_fleet.wire.json.field_plan import FieldPlan, FieldPlans, compile_fields
+from ua_fleet.wire.json.field_plan import DecodePayload, FieldPlans, compile_fields
 from ua_fleet.wire.json.fields import (
     NO_VALUE,
     FieldValue,
@@ -49,16 +49,23 @@ class DataSetFields:
     may_nest: bool
     """Whether a plan reads values that contain values. It does not look how deep."""
 
+    planned_types: tuple[int, ...]
+    """The types of what `planned` returns."""
+    decode_usual: DecodePayload
+    """The plan that has fitted last: `planned` but for other forms. `reading` has to have spent nothing."""
+    reading: Reading
+    """Of plans, which forgive nothing."""
+
     __slots__ = (
-        "_adopted",
         "_positions",
-        "_preferred",
-        "_reading",
+        "decode_usual",
         "fields",
         "major_version",
         "may_nest",
         "metadata",
+        "planned_types",
         "plans",
+        "reading",
         "types",
     )
 
@@ -70,9 +77,9 @@ class DataSetFields:
         self.fields = planned_fields(metadata, self.types)
         self.plans: FieldPlans = compile_fields(self.fields)
         self.may_nest = any(field.kind in _NESTING for field in self.fields)
-        self._preferred = self.plans
-        self._adopted: FieldPlan | None = None
-        self._reading = Reading(metadata.namespaces, self.types)  # of plans, which forgive nothing
+        self.planned_types = tuple([field.code for field in self.fields])
+        self.decode_usual = _decode_nothing
+        self.reading = Reading(metadata.namespaces, self.types)
         self._positions = {field.name: index for index, field in enumerate(self.fields)}
 
     def writing(self, form: Form) -> Writing:
@@ -92,22 +99,25 @@ class DataSetFields:
             raise RemoteWireError(JsonCause.SHAPE, f"a payload that is no object: {shown(payload)}")
         if message.kind != FrameKind.DELTA:
             planned = self.planned(payload)
-            reading.spend(self._reading.packed)  # all DataSetMessages of a message have one budget
+            reading.spend(self.reading.packed)  # all DataSetMessages of a message have one budget
             if planned is not None:
-                return message._replace(types=planned[0], values=planned[1])
+                return message._replace(types=self.planned_types, values=planned)
         return self.decode_by_names(reading, message, payload)
 
-    def planned(self, payload: dict[str, Any]) -> tuple[tuple[int, ...], tuple[Any, ...]] | None:
-        """Types and values of a payload that has all fields, in their order and in a usual form; None for another."""
-        self._reading.packed = 0
-        for plan in self._preferred:
-            values = plan.decode(self._reading, payload)
-            if values is not None:
-                if plan is not self._adopted:
+    def planned(self, payload: dict[str, Any]) -> tuple[Any, ...] | None:
+        """The values of a payload that has all fields, in their order and in a usual form; None for another."""
+        reading = self.reading
+        reading.packed = 0
+        values = self.decode_usual(reading, payload)
+        if values is not None:
+            return values
+        for plan in self.plans:
+            if plan.decode is not self.decode_usual:
+                values = plan.decode(reading, payload)
+                if values is not None:
                     plan.names[:] = payload  # orjson gives the same texts again, which makes comparing them quick
-                    self._adopted = plan
-                    self._preferred = (plan, *[other for other in self.plans if other is not plan])
-                return plan.types, values
+                    self.decode_usual = plan.decode
+                    return values
         return None
 
     def decode_by_names(self, reading: Reading, message: DataSetMessage, payload: dict[str, Any]) -> DataSetMessage:
@@ -177,6 +187,11 @@ class DataSetFields:
             value = DataValue(variant, statuses[position] or 0, *[side[position] for side in sides])
             out[field.name] = encode_data_value_field(writing, field, value)
         return out
+
+
+def _decode_nothing(_reading: Reading, _payload: dict[str, Any]) -> tuple[Any, ...] | None:
+    """What reads payloads until a plan has fitted."""
+    return None
 
 
 def _as_data_value(field: FieldValue) -> DataValue:

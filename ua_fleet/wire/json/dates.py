@@ -11,6 +11,8 @@ import re
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
+import orjson
+
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import TICKS_PER_SECOND
 from ua_fleet.wire.json.causes import JsonCause, Leniency
@@ -23,6 +25,7 @@ __all__ = [
     "TICKS",
     "TICKS_OF_BYTES",
     "decode_date",
+    "decoding_names",
     "encode_date",
     "encoding_names",
     "lines_of_decoding",
@@ -47,6 +50,8 @@ _FORM: Final = re.compile(
 # Formatting a number of seven digits takes as long as all else in writing a time.
 FOUR_DIGITS: Final = [f"{number:04}" for number in range(10_000)]
 THREE_DIGITS: Final = [f"{number:03}Z" for number in range(1_000)]
+
+_TEN_MILLION: Final = 10_000_000
 
 _MOST_SECONDS: Final = 1024
 """Of each direction that are kept."""
@@ -128,17 +133,30 @@ def usual_date(value: str) -> int:
     return ticks if 0 < ticks < _FIRST_BEYOND else _within(ticks)
 
 
-def lines_of_decoding(text: str, variable: str) -> list[str]:
-    """Code that makes the ticks `variable` of a `text`, as `usual_date`, with `usual_date` and `ticks_of` at hand.
+def lines_of_decoding(text: str, known: str) -> list[str]:
+    """Code that makes the ticks of the variable `text`, as `usual_date`, and remembers the second of the last time.
 
-    Raises TypeError or ValueError for what is no text of a usual form. `ticks_of` is `TICKS.get`.
+    It has the names of `decoding_names(known)` at hand. Raises TypeError or ValueError for what is no text of a usual
+    form.
     """
     return [
-        f"second, fraction = ticks_of({text}[:20]), {text}[20:27]",
-        f"if second is None or {text}[27:] != 'Z' or not fraction.isdigit() or not fraction.isascii():",
-        f" {variable} = usual_date({text})",
-        f"else: {variable} = second + int(fraction)",
+        f"global {known}_first, {known}_text",
+        f"if {text}[:20] == {known}_text and {text}[27:] == 'Z':",
+        # It is seven digits if it makes a number of eight, the first of which is 1, and no other number than one.
+        f" fraction = loads('1' + {text}[20:27])",
+        f" if fraction.__class__ is not int or fraction < {_TEN_MILLION}: raise ValueError",
+        f" {text} = {known}_first + fraction",
+        "else:",
+        f" {known}_text, {text} = {text}[:20], usual_date({text})",
+        f" {known}_first = TICKS.get({known}_text, 0) - {_TEN_MILLION}",
+        f" if {known}_first < 0: {known}_text = ''",
     ]
+
+
+def decoding_names(known: str) -> dict[str, Any]:
+    """What `lines_of_decoding` refer to."""
+    names: dict[str, Any] = {f"{known}_first": 0, f"{known}_text": ""}
+    return names | {"loads": orjson.loads, "TICKS": TICKS, "usual_date": usual_date}
 
 
 def _keep(seconds: dict[Any, Any], key: Any, value: Any) -> None:

@@ -15,19 +15,21 @@ import orjson
 
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import ARRAY, BuiltinType
-from ua_fleet.wire.json.dates import (
-    TICKS,
-    encoding_names,
-    lines_of_decoding,
-    lines_of_encoding,
-    usual_date,
-)
+from ua_fleet.wire.json.dates import decoding_names, encoding_names, lines_of_decoding, lines_of_encoding
 from ua_fleet.wire.json.fields import Field, decode_field, encode_field
 from ua_fleet.wire.json.parsing import Reading
 from ua_fleet.wire.json.scalars import FLOAT, RANGES
 from ua_fleet.wire.json.variants import Writing
 
-__all__ = ["GIVE_UP", "MOST_PLANNED_FIELDS", "FieldPlan", "FieldPlans", "compile_fields", "write_fields"]
+__all__ = [
+    "GIVE_UP",
+    "MOST_PLANNED_FIELDS",
+    "DecodePayload",
+    "FieldPlan",
+    "FieldPlans",
+    "compile_fields",
+    "write_fields",
+]
 
 GIVE_UP: Final = (
     struct.error,
@@ -55,15 +57,22 @@ FEWEST_TOGETHER: Final = 8
 """Doubles in a row that are checked together."""
 
 LARGEST_FLOAT: Final = float.fromhex("0x1.fffffep+127")
+SMALLEST_NORMAL: Final = float.fromhex("0x1p-126")
+"""Smaller Floats have fewer bits."""
+_SPLITTER: Final = float(2**29 + 1)
+"""A Double has 29 bits more than a Float."""
+
+
+DecodePayload = Callable[[Reading, dict[str, Any]], tuple[Any, ...] | None]
+"""The values of a payload; None for one of another form."""
 
 
 class FieldPlan(NamedTuple):
     """How payloads of one form are read."""
 
-    types: tuple[int, ...]
     names: list[str]
     """The names of the fields, which the plan compares with those of a payload."""
-    decode: Callable[[Reading, dict[str, Any]], tuple[Any, ...] | None]
+    decode: DecodePayload
 
 
 FieldPlans = tuple[FieldPlan, ...]
@@ -73,23 +82,20 @@ def compile_fields(fields: Sequence[Field]) -> FieldPlans:
     """The plans for the bare and the Compact form; none where the fields do not suit."""
     if not 0 < len(fields) <= MOST_PLANNED_FIELDS or any(field.is_abstract for field in fields):
         return ()
-    types = tuple([field.code for field in fields])
-    return tuple([_plan(fields, types, is_compact=is_compact) for is_compact in (False, True)])
+    return tuple([_plan(fields, is_compact=is_compact) for is_compact in (False, True)])
 
 
-def _plan(fields: Sequence[Field], types: tuple[int, ...], *, is_compact: bool) -> FieldPlan:
+def _plan(fields: Sequence[Field], *, is_compact: bool) -> FieldPlan:
     names: dict[str, Any] = {
         "GIVE_UP": GIVE_UP,
         "NAMES": [field.name for field in fields],
-        "usual_date": usual_date,
-        "ticks_of": TICKS.get,
         "loads": orjson.loads,
         "decode_general": _decode_general,
         "pack": FLOAT.pack,
         "unpack": FLOAT.unpack,
     }
     lines = ["def decode(reading, payload):", " try:"]
-    body = [f"if {len(fields)} != len(payload) or [*payload] != NAMES: return None"]
+    body = ["if [*payload] != NAMES: return None"]
     if not is_compact and len(fields) >= FEWEST_TOGETHER and all(field.code == _B.DOUBLE for field in fields):
         body += ["values = (*payload.values(),)", "for x in values:", " if x.__class__ is not float: return None"]
         body.append("return values")
@@ -102,7 +108,7 @@ def _plan(fields: Sequence[Field], types: tuple[int, ...], *, is_compact: bool) 
     lines += [f"  {line}" for line in body]
     lines += [" except GIVE_UP:", "  return None"]
     exec(compile("\n".join(lines), "<json field plan>", "exec"), names)  # noqa: S102 - made of our own words and numbers
-    return FieldPlan(types, names["NAMES"], names["decode"])
+    return FieldPlan(names["NAMES"], names["decode"])
 
 
 def _checks(v: str, field: Field, names: dict[str, Any], *, is_compact: bool) -> list[str]:
@@ -134,8 +140,9 @@ def _checks(v: str, field: Field, names: dict[str, Any], *, is_compact: bool) ->
             f"{v} = tuple({v})",
         ]
     if code == _B.FLOAT:
-        return [*lines, f"if {v}.__class__ is not float: return None", f"{v} = unpack(pack({v}))[0]"]
+        return [*lines, f"if {v}.__class__ is not float: return None", *_lines_of_rounding(v)]
     if code == _B.DATETIME:
+        names |= decoding_names(v)
         return [*lines, f"if {v}.__class__ is not str: return None", *lines_of_decoding(v, v)]
     low, high = RANGES[code]
     if code in _LONG:
@@ -145,6 +152,17 @@ def _checks(v: str, field: Field, names: dict[str, Any], *, is_compact: bool) ->
     else:
         lines.append(f"if {v}.__class__ is not int: return None")
     return [*lines, f"if not {low} <= {v} <= {high}: return None"]
+
+
+def _lines_of_rounding(v: str) -> list[str]:
+    """Lines that make a float the nearest Float, or give up on one beyond them.
+
+    Mostly it is one already: then it is the same as its 24 leading bits, which Veltkamp's splitting gives, and has the
+    exponent of a normal Float.
+    """
+    leading = f"{v} * {_SPLITTER} - ({v} * {_SPLITTER} - {v})"
+    is_normal = f"{SMALLEST_NORMAL} <= {v} <= {LARGEST_FLOAT} or {-LARGEST_FLOAT} <= {v} <= {-SMALLEST_NORMAL}"
+    return [f"if {leading} != {v} or not ({is_normal}): {v} = unpack(pack({v}))[0]"]
 
 
 def _decode_general(reading: Reading, field: Field, item: Any) -> Any:

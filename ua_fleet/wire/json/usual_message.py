@@ -13,15 +13,14 @@ from typing import Any, Final, NamedTuple, cast
 from ua_fleet.wire.json.causes import Leniency
 from ua_fleet.wire.json.data_messages import FieldsOf, JsonData, Source
 from ua_fleet.wire.json.dates import usual_date
-from ua_fleet.wire.json.parsing import DEFAULT_LIMITS, is_deeper
-from ua_fleet.wire.messages import DataSetMessage, FrameKind, NetworkMessage, PublisherIdType
+from ua_fleet.wire.json.parsing import DEFAULT_LIMITS, Limits, is_deeper
+from ua_fleet.wire.messages import DataSetMessage, FieldEncoding, FrameKind, NetworkMessage, PublisherIdType
 
 __all__ = ["KeyFrame", "data_of_key_frame", "decode_usual_message", "usual_key_frame"]
 
 _UINT32: Final = 0xFFFF_FFFF
 _KEY: Final = FrameKind.KEY.value
-_REST: Final = DataSetMessage(0)[10:]
-"""What stands behind the versions of a DataSetMessage."""
+_VARIANT: Final = FieldEncoding.VARIANT
 _AROUND_PAYLOAD: Final = 3
 """Objects and arrays of a message around its payload."""
 _STRING: Final = PublisherIdType.STRING.value
@@ -45,11 +44,11 @@ class KeyFrame(NamedTuple):
 
 
 def decode_usual_message(
-    tree: dict[str, Any], fields_of: FieldsOf, source: Source, depth: int = DEFAULT_LIMITS.depth
+    tree: dict[str, Any], fields_of: FieldsOf, source: Source, limits: Limits = DEFAULT_LIMITS
 ) -> JsonData | None:
     """A NetworkMessage of data; None for one that is not as usual, or has no metadata of its version."""
     key_frame = usual_key_frame(tree, source)
-    return None if key_frame is None else data_of_key_frame(*key_frame, fields_of, depth)
+    return None if key_frame is None else data_of_key_frame(*key_frame, fields_of, limits)
 
 
 def usual_key_frame(tree: dict[str, Any], source: Source) -> KeyFrame | None:
@@ -125,26 +124,31 @@ def data_of_key_frame(
     minor_version: int | None,
     payload: dict[str, Any],
     fields_of: FieldsOf,
-    depth: int,
+    limits: Limits,
 ) -> JsonData | None:
     """The NetworkMessage of one key frame; None without metadata of its version, or where its payload is not usual.
 
-    The arguments are the parts of a KeyFrame, which the fastest way does not put together, and how deep objects and
-    arrays of the message may be nested.
+    The arguments are the parts of a KeyFrame, which the fastest way does not put together, and what a message may have.
     """
     fields = fields_of(source)
     if fields is None or not (major_version is None or major_version == fields.major_version):
         return None
-    if fields.may_nest and is_deeper(payload, depth - _AROUND_PAYLOAD):
-        return None
-    planned = fields.planned(payload)
-    if planned is None:
-        return None
-    types, values = planned
-    publisher_id, group, writer_id, _ = source
+    if fields.may_nest:
+        if is_deeper(payload, limits.depth - _AROUND_PAYLOAD):
+            return None
+        fields.reading.packed = 0
+    values = fields.decode_usual(fields.reading, payload)
+    if values is None:
+        values = fields.planned(payload)
+        if values is None:
+            return None
+    publisher_id, group, writer_id = source[0], source[1], source[2]  # faster than to take a NamedTuple apart
+    types = fields.planned_types
     # All parts of a DataSetMessage and of a NetworkMessage, in their order.
-    head = writer_id, _KEY, types, values, sequence_number, timestamp, None, status, major_version, minor_version
-    message = _new(DataSetMessage, head + _REST)
+    message = _new(DataSetMessage, (
+        writer_id, _KEY, types, values, sequence_number, timestamp, None, status, major_version, minor_version,
+        _VARIANT, None, None, None, None, None, None, None, True,
+    ))  # fmt: skip
     network_message = _new(
         NetworkMessage,
         (publisher_id, _STRING, None, None, None, None, None, None, None, None, None, True, (message,)),

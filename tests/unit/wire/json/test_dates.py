@@ -43,9 +43,7 @@ def test_a_plan_reads_times_as_they_are_read_one_by_one(ticks: int) -> None:
     expected = decode_date(reading, text)
     assert expected == (0 if ticks < 0 else LATEST if ticks >= BEYOND else ticks)
     for _ in range(2):  # the second time its second is known
-        planned = FIELDS.planned({"time": text})
-        assert planned is not None
-        assert planned[1] == (expected,)
+        assert FIELDS.planned({"time": text}) == (expected,)
     assert not reading.leniencies
 
 
@@ -76,3 +74,40 @@ def test_what_is_another_form_of_iso_8601_is_refused(text: str) -> None:
     with pytest.raises(RemoteWireError):
         decode_date(Reading(), text)
     assert FIELDS.planned({"time": text}) is None
+
+
+@pytest.mark.parametrize(
+    "end",
+    [
+        ".123456Z",
+        ".12345678Z",
+        ".1234567",
+        ".1234567z",
+        ".1234e10Z",
+        ".12345.7Z",
+        ".-123456Z",
+        ".+123456Z",
+        ".123_567Z",
+        ".Z",
+        "Z",
+        "1234567Z",
+        ",1234567Z",
+        ".[12345]Z",
+        ".123456\u0667Z",
+        ".12345 7Z",
+        ".123456 Z",
+        ". 123456Z",
+        ".1234567\x00",
+    ],
+)
+def test_a_plan_that_knows_the_second_reads_no_other_fraction(end: str) -> None:
+    text = "2024-01-17T21:20:00"
+    for known in (".0000001Z", ".9999999Z"):
+        assert FIELDS.planned({"time": text + known}) is not None
+        reading = Reading()
+        try:
+            expected = decode_date(reading, text + end)
+        except RemoteWireError:
+            expected = None
+        planned = FIELDS.planned({"time": text + end})
+        assert planned is None or (planned == (expected,) and not reading.leniencies)

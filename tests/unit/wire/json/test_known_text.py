@@ -61,6 +61,13 @@ def test_a_text_of_a_known_outline_is_read(message: tuple[str, int, int, int, tu
     assert check(PLAN.encode(*message))
 
 
+def test_a_time_of_another_second_is_read_from_what_is_known() -> None:
+    second = 10_000_000
+    for ticks in (NOON + second, NOON + second + 5, NOON + 5, NOON, NOON + 5, NOON + second, NOON + 60 * second + 9):
+        check(PLAN.encode("m", 1, ticks, 0, (1.5, "x")))  # a second that was never seen is parsed
+        assert check(PLAN.encode("m", 2, ticks, 0, (1.5, "x")))
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.unit.wire.json.samples import SOURCE, VERSION, data
+from ua_fleet.errors import RemoteWireError
 from ua_fleet.values import (
     ARRAY,
     DIMENSIONS,
@@ -123,3 +124,28 @@ def test_any_message_comes_back_and_a_plan_writes_the_same(variants: list[Varian
     assert isinstance(back, JsonData)
     assert back.message.messages == (message,)
     assert not back.leniencies
+
+
+FLOAT_FIELD = DataSetFields(DataSetMetaData("float", (FieldMetaData("f", B.FLOAT),), VERSION))
+LEAST, MOST = 2.0**-126, (2.0 - 2.0**-23) * 2.0**127
+"""The smallest and the largest normal Float."""
+EDGES = [0.0, -0.0, 2.0**-149, 2.0**-150, LEAST - 2.0**-149, LEAST, LEAST + 2.0**-149, MOST, MOST + 2.0**103, 2.0**128]
+EDGES += [1.0 + 2.0**-23, 1.0 + 2.0**-24, 1.0 + 2.0**-25, 1.0 + 3 * 2.0**-24, 5e-324, 1e300, 1.7976931348623157e308]
+
+
+@given(
+    value=st.sampled_from([sign * edge for edge in EDGES for sign in (1, -1)])
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.floats(width=32, allow_nan=False, allow_infinity=False)
+)
+@settings(max_examples=400, deadline=None)
+def test_a_plan_rounds_a_float_as_it_is_rounded_alone(value: float) -> None:
+    payload = {"f": value}
+    planned = FLOAT_FIELD.planned(payload)
+    try:
+        (expected,) = FLOAT_FIELD.decode_by_names(Reading(), DataSetMessage(1), payload).values
+    except RemoteWireError:
+        assert planned is None
+    else:
+        assert planned is not None
+        assert repr(planned[0]) == repr(expected)

@@ -66,9 +66,11 @@ def _bounded(columns: str, of: str, data: str, order: str) -> str:
 
     What PostgreSQL has sent is in memory as a whole; the bytes of what it stores are told without reading it.
     """
-    within = f"SELECT {columns}, sum(octet_length({data})) OVER (ORDER BY {order}) - octet_length({data}) AS before"
-    few = f"{within} FROM {of} ORDER BY {order} LIMIT $1"
-    return f"SELECT {columns} FROM ({few}) AS few WHERE before <= $2 ORDER BY {order}"
+    few = f"SELECT {columns} FROM {of} ORDER BY {order} LIMIT $1"
+    before = f"sum(octet_length({data})) OVER (ORDER BY {order}) - octet_length({data}) AS before"
+    return (
+        f"SELECT {columns} FROM (SELECT *, {before} FROM ({few}) AS few) AS counted WHERE before <= $2 ORDER BY {order}"
+    )
 
 
 _SAMPLES: Final = "sample WHERE node = $3 AND time BETWEEN $4 AND $5"

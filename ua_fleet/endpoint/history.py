@@ -198,7 +198,7 @@ class HistoryServices:
         def look(series: Series) -> _Data:
             rows = read_at_times(series, times, settings, simple=simple)
             data, count = encode_rows(rows, wanted.room, wanted.whole)
-            if count < len(rows):
+            if count < len(times):
                 raise Refusal(StatusCodes.BadEncodingLimitsExceeded)
             return _Data(data, count)
 

@@ -22,7 +22,7 @@ from ua_fleet.history.rows import BAD, TICKS_PER_MS, UNCERTAIN_DATA_SUB_NORMAL, 
 from ua_fleet.history.window import Extent, is_mark
 from ua_fleet.values import BuiltinType, Quality, quality_of
 
-__all__ = ["NEEDS_NUMBERS", "Aggregate", "Interval", "calculate", "has_numbers"]
+__all__ = ["NEEDS_NO_VALUES", "NEEDS_NUMBERS", "Aggregate", "Interval", "calculate", "has_numbers"]
 
 
 class Aggregate(IntEnum):
@@ -42,6 +42,8 @@ class Aggregate(IntEnum):
 
 NEEDS_NUMBERS: Final = frozenset((Aggregate.AVERAGE, Aggregate.TIME_AVERAGE, Aggregate.MINIMUM, Aggregate.MAXIMUM))
 """Those that calculate with values."""
+NEEDS_NO_VALUES: Final = frozenset((Aggregate.COUNT, Aggregate.DURATION_GOOD, Aggregate.PERCENT_GOOD))
+"""Those that only ask whether there is one, and of which quality."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,6 +265,6 @@ _FUNCTIONS: Final[dict[Aggregate, Callable[[Points, Interval, Extent], Row]]] = 
 }
 
 
-def has_numbers(points: Points, low: int, high: int) -> bool:
-    """Whether all usable values of a stretch can be calculated with."""
-    return all(map(is_number, {row.type for row in points.within(low, high + 1)} - {0}))
+def has_numbers(rows: Sequence[Row]) -> bool:
+    """Whether all values that there are can be calculated with."""
+    return all(map(is_number, {row.type for row in rows} - {0}))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 
 from ua_fleet.history.bounds import Settings, interpolated_bound, simple_bound
 from ua_fleet.history.rows import Row, Series
@@ -11,8 +11,9 @@ from ua_fleet.history.window import window
 __all__ = ["read_at_times"]
 
 
-def read_at_times(series: Series, times: Sequence[int], settings: Settings, *, simple: bool) -> list[Row]:
+def read_at_times(series: Series, times: Iterable[int], settings: Settings, *, simple: bool) -> Iterator[Row]:
     """A value for each of the times, in their order: the one that was recorded then, or an interpolated one.
+    Each is looked for when it is taken, so that no more of them are in memory than an answer has room for.
 
     Args:
         series: of the node.
@@ -21,4 +22,6 @@ def read_at_times(series: Series, times: Sequence[int], settings: Settings, *, s
         simple: with simple bounding values in place of interpolated ones.
     """
     bound = simple_bound if simple else interpolated_bound
-    return [bound(window(series, time, time, settings).points, time).row for time in times]
+    for time in times:
+        points = window(series, series.between(time, time, 1), time, time, settings)
+        yield bound(points, time).row

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from ua_fleet.history.recorder import Kept
-from ua_fleet.history.rows import BAD_DATA_LOST, Row
+from ua_fleet.history.rows import BAD_DATA_LOST, Row, value_bytes
 from ua_fleet.values import NodeId
 
 __all__ = ["Backlog", "Batch", "Full", "row_bytes"]
 
 _ROW_BYTES: Final = 250
 """Of a row with a number, in memory."""
-_ELEMENT_BYTES: Final = 40
-"""Of an element of an array."""
 
 
 class Full(StrEnum):
@@ -148,17 +146,4 @@ class Backlog:
 
 def row_bytes(row: Row) -> int:
     """What a row takes in memory, about."""
-    return _ROW_BYTES + _value_bytes(row.value)
-
-
-def _value_bytes(value: Any) -> int:
-    """Of a value beyond those of a number."""
-    if isinstance(value, bytes | bytearray):
-        return len(value)
-    if isinstance(value, memoryview):
-        return value.nbytes
-    if isinstance(value, str):
-        return 4 * len(value)
-    if isinstance(value, tuple | list):
-        return sum(_ELEMENT_BYTES + _value_bytes(each) for each in value)  # pyright: ignore[reportUnknownVariableType]
-    return 0
+    return _ROW_BYTES + value_bytes(row.value)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import accumulate, pairwise
 from typing import Any, Final
@@ -20,7 +20,15 @@ from ua_fleet.wire.builtin import FIXED
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.variant import decode_typed, encode_typed
 
-__all__ = ["HISTORY_DATA", "decode_block", "decode_value", "encode_block", "encode_rows", "encode_value"]
+__all__ = [
+    "HISTORY_DATA",
+    "decode_block",
+    "decode_value",
+    "encode_block",
+    "encode_rows",
+    "encode_value",
+    "has_fixed_size",
+]
 
 HISTORY_DATA: Final = 658
 """NodeId of the binary encoding of HistoryData."""
@@ -103,6 +111,11 @@ def decode_block(data: bytes) -> list[Row]:
     return rows
 
 
+def has_fixed_size(data: bytes) -> bool:
+    """Whether the values of a block have a fixed size, or are none."""
+    return data[0] != _ANY
+
+
 _PLAIN: Final = {kind: struct.Struct(f"<BB{layout.format[1:]}q") for kind, layout in FIXED.items()}
 _WITH_STATUS: Final = {kind: struct.Struct(f"<BB{layout.format[1:]}Iq") for kind, layout in FIXED.items()}
 _NO_VALUE: Final = struct.Struct("<BIq")
@@ -110,11 +123,11 @@ _TIME: Final = struct.Struct("<q")
 _STATUS_AND_TIME: Final = struct.Struct("<Iq")
 
 
-def encode_rows(rows: Sequence[Row | None], room: int, whole: int) -> tuple[bytes, int]:
+def encode_rows(rows: Iterable[Row | None], room: int, whole: int) -> tuple[bytes, int]:
     """HistoryData (OPC 10000-11 6.6.2) of as many rows as fit into so many bytes, and their number.
 
     Args:
-        rows: None for a bound that is not there.
+        rows: None for a bound that is not there. They are taken one by one, up to the first one that does not fit.
         room: bytes that are left in this answer.
         whole: bytes that an answer has at most. A value that no answer has room for is told by its time and
             Bad_EncodingLimitsExceeded, so that those behind it can be read.

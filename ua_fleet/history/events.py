@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.history.raw import RawRead
 from ua_fleet.history.recorder import Kept
-from ua_fleet.history.rows import BAD_DATA_LOST, EARLIEST, LATEST, Row, Series
+from ua_fleet.history.rows import BAD_DATA_LOST, EARLIEST, LATEST, MOST_READ_BYTES, Row, Rows, Series
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, NodeId
 
 __all__ = [
@@ -139,11 +139,20 @@ class MergedSeries:
     def __init__(self, parts: Sequence[Series]) -> None:
         self._parts = parts
 
-    def between(self, first: int, last: int, most: int, *, backward: bool = False) -> list[Row]:
+    def between(
+        self, first: int, last: int, most: int, *, backward: bool = False, most_bytes: int = MOST_READ_BYTES
+    ) -> Rows:
         """As `Series.between`; of rows with the same time in the order of the series."""
-        found = [row for part in self._parts for row in part.between(first, last, most, backward=backward)]
-        found.sort(key=lambda row: row.time, reverse=backward)
-        return found[:most]
+        parts = [part.between(first, last, most, backward=backward, most_bytes=most_bytes) for part in self._parts]
+        # Of what is further than the end of one that is cut, nobody knows what comes before it.
+        ends = [part[-1].time for part in parts if part.is_cut]
+        low, high = (max(ends, default=first), last) if backward else (first, min(ends, default=last))
+        together = [row for part in parts for row in part if low <= row.time <= high]
+        together.sort(key=lambda row: row.time, reverse=backward)
+        found = Rows(most)
+        found.take_numbers(together)  # their bytes are bounded by now
+        found.is_cut = bool(ends)
+        return found
 
 
 class EventPosition(NamedTuple):
@@ -256,7 +265,7 @@ def _rows(
             same, before = (same + 1 if row.time == before else 0), row.time
             if number >= skipped:
                 yield row, EventPosition(row.time, same)
-        if len(found) < _CHUNK:
+        if len(found) < _CHUNK and not found.is_cut:
             return
         skipped = 1 + sum(1 for later, earlier in pairwise(reversed(found)) if later.time == earlier.time == before)
         first, last = (first, before) if backward else (before, last)

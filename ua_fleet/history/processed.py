@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import takewhile
+from operator import itemgetter
+from typing import Final, NamedTuple
 
-from ua_fleet.history.aggregates import NEEDS_NUMBERS, Aggregate, Interval, calculate, has_numbers
+from ua_fleet.history.aggregates import NEEDS_NO_VALUES, NEEDS_NUMBERS, Aggregate, Interval, calculate, has_numbers
 from ua_fleet.history.bounds import Settings
 from ua_fleet.history.rows import TICKS_PER_MS, Row, Series
-from ua_fleet.history.window import extent_of, window
+from ua_fleet.history.window import MOST_ROWS, extent_of, piece, window
 
 __all__ = ["Failure", "ProcessedPage", "ProcessedRead", "read_processed"]
+
+PIECE_ROWS: Final = 20_000
+"""Rows that are read at once: they are made in 5 ms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,29 +71,53 @@ class ProcessedPage(NamedTuple):
 def read_processed(series: Series, read: ProcessedRead, first: int, most: int) -> ProcessedPage | Failure:
     """A page of a request.
 
+    It is calculated piece by piece: a day of rows takes long to make and to free, and others of this process would wait
+    for it.
+
     Args:
         series: of the node.
         read: a request whose start is not its end.
         first: number of the first interval.
         most: intervals of a page of this server.
     """
-    count = min(most, read.count - first)
-    intervals = [read.interval(number) for number in range(first, first + count)]
-    if not intervals:
-        return ProcessedPage([], None)
-    # The page is cut at its late end where it has too many rows; with time running backward that is its beginning.
-    while True:
-        low, high = min(one.low for one in intervals), max(one.high for one in intervals)
-        found = window(series, low, high, read.settings)
-        if not found.is_cut:
-            break
-        fitting = len(intervals) // 2
-        if not fitting:
-            return Failure(is_too_much=True)
-        intervals = intervals[:fitting]
-    if read.aggregate in NEEDS_NUMBERS and not has_numbers(found.points, low, high):
-        return Failure(is_too_much=False)
+    backward, with_values = read.end < read.start, read.aggregate not in NEEDS_NO_VALUES
+    intervals = [read.interval(number) for number in range(first, min(first + most, read.count))]
     extent = extent_of(series)
-    rows = [calculate(read.aggregate, found.points, one, extent) for one in intervals]
-    following = first + len(intervals)
+    rows: list[Row] = []
+    looked, room = 0, PIECE_ROWS
+    while len(rows) < len(intervals) and looked < MOST_ROWS:
+        rest = intervals[len(rows) :]
+        found = piece(series, *_stretch(rest), room, backward=backward, with_values=with_values)
+        if found.reaches is not None:
+            rest = _whole(rest, found.reaches, backward=backward)
+        if not rest:
+            if not found.is_large and room < MOST_ROWS:
+                room = min(4 * room, MOST_ROWS)
+                continue
+            if rows:
+                break
+            return Failure(is_too_much=True)
+        low, high = _stretch(rest)
+        within = found.rows[bisect_left(found.rows, low, key=_TIME) : bisect_right(found.rows, high, key=_TIME)]
+        if read.aggregate in NEEDS_NUMBERS and not has_numbers(within):
+            return Failure(is_too_much=False)
+        points = window(series, within, low, high, read.settings)
+        rows += [calculate(read.aggregate, points, one, extent) for one in rest]
+        looked += len(points.rows)
+    following = first + len(rows)
     return ProcessedPage(rows, following if following < read.count else None)
+
+
+def _whole(intervals: Sequence[Interval], reaches: int, *, backward: bool) -> list[Interval]:
+    """The intervals whose rows are all there."""
+    if backward:
+        return list(takewhile(lambda one: one.low >= reaches, intervals))
+    return list(takewhile(lambda one: one.high <= reaches, intervals))
+
+
+def _stretch(intervals: Sequence[Interval]) -> tuple[int, int]:
+    """The earliest and the latest time of intervals that follow each other, whichever way time runs."""
+    return min(intervals[0].low, intervals[-1].low), max(intervals[0].high, intervals[-1].high)
+
+
+_TIME: Final = itemgetter(Row._fields.index("time"))

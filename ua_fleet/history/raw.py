@@ -9,11 +9,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
-from ua_fleet.history.rows import BAD_BOUND_NOT_FOUND, EARLIEST, LATEST, Row, Series
+from ua_fleet.history.rows import BAD_BOUND_NOT_FOUND, EARLIEST, LATEST, Row, Rows, Series
 
 __all__ = ["Phase", "Position", "RawPage", "RawRead", "read_raw"]
+
+
+_PAGE_BYTES: Final = 16_000_000
+"""What the values of a page take in memory: an answer has room for half of it."""
 
 
 class Phase(IntEnum):
@@ -98,6 +102,8 @@ def read_raw(series: Series, read: RawRead, at: Position | None, most: int) -> R
             rest = within[room - len(rows)]
             return RawPage([*rows, *within[: room - len(rows)]], Position(Phase.WITHIN, rest.time))
         rows += within
+        if within.is_cut:  # for its bytes, with no row to tell what comes next
+            return RawPage(rows, Position(Phase.WITHIN, within[-1].time + (-1 if read.backward else 1)))
     if not read.bounds:
         return RawPage(rows, None)
     if len(rows) >= room:
@@ -105,7 +111,7 @@ def read_raw(series: Series, read: RawRead, at: Position | None, most: int) -> R
     return RawPage([*rows, _end_bound(series, read)], None)
 
 
-def _within(series: Series, read: RawRead, time: int, most: int) -> list[Row]:
+def _within(series: Series, read: RawRead, time: int, most: int) -> Rows:
     """The values from a time on to the end, which is excluded but where it is the start."""
     stop, backward = read.stop, read.backward
     if stop is None:
@@ -115,7 +121,9 @@ def _within(series: Series, read: RawRead, time: int, most: int) -> list[Row]:
     else:
         last = stop + 1 if backward else stop - 1
     first, last = (last, time) if backward else (time, last)
-    return series.between(first, last, most, backward=backward) if first <= last else []
+    if first > last:
+        return Rows(0)
+    return series.between(first, last, most, backward=backward, most_bytes=_PAGE_BYTES)
 
 
 def _end_bound(series: Series, read: RawRead) -> Row | None:

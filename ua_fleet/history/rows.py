@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from enum import IntFlag
+from itertools import islice
 from typing import Any, Final, NamedTuple, Protocol
 
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType
+from ua_fleet.wire.builtin import FIXED
 
 __all__ = [
     "BAD",
@@ -16,13 +18,16 @@ __all__ = [
     "BAD_NO_DATA",
     "EARLIEST",
     "LATEST",
+    "MOST_READ_BYTES",
     "TICKS_PER_MS",
     "UNCERTAIN_DATA_SUB_NORMAL",
     "HistoryBits",
     "ListSeries",
     "Row",
+    "Rows",
     "Series",
     "is_number",
+    "value_bytes",
     "with_bits",
 ]
 
@@ -37,6 +42,11 @@ BAD_BOUND_NOT_FOUND: Final = 0x80D7_0000
 EARLIEST: Final = 0
 LATEST: Final = 0x7FFF_FFFF_FFFF_FFFF
 TICKS_PER_MS: Final = TICKS_PER_SECOND // 1000
+
+MOST_READ_BYTES: Final = 64_000_000
+"""What values that are read at once take in memory, beside those of a fixed size."""
+_ELEMENT_BYTES: Final = 40
+"""Of an element of an array."""
 
 _IS_DATA_VALUE: Final = 0x0400
 """InfoType DataValue: the bits below say something (OPC 10000-4 7.38.1)."""
@@ -64,12 +74,68 @@ class Row(NamedTuple):
     value: Any
 
 
+def value_bytes(value: Any) -> int:
+    """What a value takes in memory beyond what a number does, about."""
+    if isinstance(value, bytes | bytearray):
+        return len(value)
+    if isinstance(value, memoryview):
+        return value.nbytes
+    if isinstance(value, str):
+        return 4 * len(value)
+    if isinstance(value, tuple | list):
+        return sum(_ELEMENT_BYTES + value_bytes(each) for each in value)  # pyright: ignore[reportUnknownVariableType]
+    return 0
+
+
+class Rows(list[Row]):
+    """Rows as they are found, up to a number of them and of the bytes that their values take.
+
+    The row with which the bytes are too many is the last one. Two are taken in any case: who goes on from the last one
+    that he had, and finds it again, comes forward.
+    """
+
+    __slots__ = ("_left", "_most", "is_cut")
+
+    def __init__(self, most: int, most_bytes: int = MOST_READ_BYTES) -> None:
+        """Have room for so much."""
+        super().__init__()
+        self._most, self._left = most, most_bytes
+        self.is_cut = False
+        """Whether it is for their bytes that there are no more of them."""
+
+    @property
+    def room(self) -> int:
+        """How many more are taken."""
+        return 0 if self.is_cut else max(0, self._most - len(self))
+
+    @property
+    def room_bytes(self) -> int:
+        """How many bytes more of values are taken, but where only one row is here."""
+        return max(0, self._left)
+
+    def take(self, rows: Iterable[Row]) -> None:
+        """Add rows as far as there is room."""
+        for row in islice(rows, self.room):
+            self.append(row)
+            if row.type not in FIXED:
+                self._left -= value_bytes(row.value)
+                if self._left <= 0 and len(self) > 1:
+                    self.is_cut = True
+                    return
+
+    def take_numbers(self, rows: Sequence[Row]) -> None:
+        """Add rows whose values have a fixed size, or that have none."""
+        self += rows if len(rows) <= self.room else rows[: self.room]
+
+
 class Series(Protocol):
     """The rows of one node."""
 
-    def between(self, first: int, last: int, most: int, *, backward: bool = False) -> list[Row]:
+    def between(
+        self, first: int, last: int, most: int, *, backward: bool = False, most_bytes: int = MOST_READ_BYTES
+    ) -> Rows:
         """The rows of times from `first` to `last`, both included, at most so many: the earliest ones in their order,
-        or, `backward`, the latest ones, the last one first.
+        or, `backward`, the latest ones, the last one first. They are fewer where they take so many bytes.
         """
         ...
 
@@ -81,10 +147,14 @@ class ListSeries:
         self._rows = sorted(rows)
         self._times = [row.time for row in self._rows]
 
-    def between(self, first: int, last: int, most: int, *, backward: bool = False) -> list[Row]:
+    def between(
+        self, first: int, last: int, most: int, *, backward: bool = False, most_bytes: int = MOST_READ_BYTES
+    ) -> Rows:
         """As the protocol says."""
-        found = self._rows[bisect_left(self._times, first) : bisect_right(self._times, last)]
-        return (found[::-1] if backward else found)[:most]
+        within = self._rows[bisect_left(self._times, first) : bisect_right(self._times, last)]
+        found = Rows(most, most_bytes)
+        found.take(reversed(within) if backward else within)
+        return found
 
 
 _NUMBERS: Final = frozenset(range(BuiltinType.SBYTE, BuiltinType.DOUBLE + 1))

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from ua_fleet.history.bounds import Points, Settings
 from ua_fleet.history.rows import BAD_NO_DATA, EARLIEST, LATEST, Row, Series
 from ua_fleet.values import Quality
+from ua_fleet.wire.builtin import FIXED
 
-__all__ = ["MOST_ROWS", "Extent", "Window", "extent_of", "window"]
+__all__ = ["MOST_ROWS", "Extent", "Piece", "extent_of", "piece", "window"]
 
 MOST_ROWS: Final = 200_000
-"""Of one calculation: 40 MB, for a moment."""
+"""Of one interval, and of a page but for its last piece: 40 MB, for a moment."""
 SEARCHED: Final = 1_000
 """Rows in which a usable one is looked for beyond the stretch (OPC 10000-13 3.1.8 leaves it to the server)."""
 
@@ -23,13 +25,16 @@ class Extent(NamedTuple):
     last: int
 
 
-class Window(NamedTuple):
-    """Rows, and whether the stretch has more than may be read at once."""
+class Piece(NamedTuple):
+    """Some of the rows of a stretch, from its beginning on."""
 
-    points: Points
-    is_cut: bool
-    reaches: int
-    """Up to which time all rows of the stretch are there."""
+    rows: list[Row]
+    """In the order of their times."""
+    reaches: int | None
+    """Up to which time all of them are here, or from which on where the stretch is gone through backward; None where
+    they are all of the stretch."""
+    is_large: bool
+    """Whether their bytes are why there are no more."""
 
 
 def extent_of(series: Series) -> Extent | None:
@@ -39,14 +44,36 @@ def extent_of(series: Series) -> Extent | None:
     return Extent(first[0].time, last[0].time) if first and last else None
 
 
-def window(series: Series, low: int, high: int, settings: Settings, most: int = MOST_ROWS) -> Window:
+def piece(series: Series, low: int, high: int, most: int, *, backward: bool, with_values: bool) -> Piece:
+    """At most so many rows of the stretch from `low` to `high`, the latest ones where it is gone through backward.
+
+    Without values those of a fixed size come with it all the same, and no number of rows has too many bytes.
+    """
+    found: list[Row] = []
+    while True:
+        part = series.between(low, high, most + 1 - len(found), backward=backward)
+        found += part if with_values else map(_without_value, part)
+        is_large = part.is_cut and len(found) <= most
+        if with_values or not is_large:
+            break
+        low, high = (low, part[-1].time - 1) if backward else (part[-1].time + 1, high)
+    reaches: int | None = None
+    if is_large:
+        reaches = found[-1].time
+    elif len(found) > most:
+        reaches = found.pop().time + (1 if backward else -1)
+    return Piece(found[::-1] if backward else found, reaches, is_large)
+
+
+def _without_value(row: Row) -> Row:
+    return row if row.type in FIXED else row._replace(value=None)
+
+
+def window(series: Series, rows: Sequence[Row], low: int, high: int, settings: Settings) -> Points:
     """The rows from `low` to `high`, with the nearest usable ones around them and all in between."""
     before = _around(series, EARLIEST, low - 1, settings, backward=True)[::-1]
-    within = series.between(low, high, most + 1)
-    is_cut = len(within) > most
-    reaches = within[most].time - 1 if is_cut else high
-    after = [] if is_cut else _around(series, high + 1, LATEST, settings, backward=False)
-    return Window(Points([*before, *within[:most], *after], settings), is_cut, reaches)
+    after = _around(series, high + 1, LATEST, settings, backward=False)
+    return Points([*before, *rows, *after], settings)
 
 
 def is_mark(row: Row) -> bool:

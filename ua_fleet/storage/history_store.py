@@ -8,28 +8,23 @@ blocks of its node.
 from __future__ import annotations
 
 import secrets
-import struct
-import zlib
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from ua_fleet.errors import RemoteWireError, StorageUnavailable
-from ua_fleet.history.blocks import decode_block, decode_value, encode_block, encode_value
+from ua_fleet.errors import StorageUnavailable
+from ua_fleet.history.blocks import decode_value, encode_block, encode_value
 from ua_fleet.history.recorder import Kept
-from ua_fleet.history.rows import EARLIEST, LATEST, Row
+from ua_fleet.history.rows import EARLIEST, LATEST, MOST_READ_BYTES, Rows
 from ua_fleet.history.store import BOUNDED, BOUNDED_PART, cut_of, node_of, node_text, over_limit_text
 from ua_fleet.storage.database import Database, Run, Statement
+from ua_fleet.storage.decoded_blocks import BLOCK_BYTES, BLOCK_ROWS, BROKEN, DecodedBlocks
 from ua_fleet.values import TICKS_PER_SECOND, NodeId
 
 __all__ = ["HISTORY_FILE", "SqliteHistory"]
 
 HISTORY_FILE: Final = "history.db"
 VERSION: Final = 1
-BLOCK_ROWS: Final = 1_000
-CACHED_BLOCKS: Final = 16
-"""Blocks that are kept decoded: pages and calculations go through them piece by piece."""
 _SLICE: Final = 100
 """Nodes whose age is looked at in one piece of work."""
 _DAY: Final = 86_400 * TICKS_PER_SECOND
@@ -50,17 +45,19 @@ _ROWS: Final = (
     "SELECT time, status, value FROM row WHERE node = ? AND time BETWEEN ? AND ? ORDER BY time DESC LIMIT ?",
 )
 _BLOCKS: Final = (
-    "SELECT first FROM block WHERE node = ? AND first <= ? AND last >= ? ORDER BY first",
-    "SELECT first FROM block WHERE node = ? AND first <= ? AND last >= ? ORDER BY first DESC",
+    """SELECT first FROM block WHERE node = ?1 AND first <= ?2 AND last >= ?3
+        AND first >= ifnull((SELECT max(first) FROM block WHERE node = ?1 AND first <= ?3), 0) ORDER BY first""",
+    """SELECT first FROM block WHERE node = ?1 AND first <= ?2 AND last >= ?3
+        AND first >= ifnull((SELECT max(first) FROM block WHERE node = ?1 AND first <= ?3), 0) ORDER BY first DESC""",
 )
-"""Forward and backward."""
+"""Forward and backward. Blocks of a node follow each other, so that those before the last one that begins at or before
+the first time need not be looked at, however many."""
 _SIZES: Final = (
     "SELECT time, length(value) FROM row WHERE node = ? ORDER BY time DESC",
     "SELECT last, length(data) FROM block WHERE node = ? ORDER BY first DESC",
 )
 """Of a node's rows and blocks, the newest first."""
 _ALIVE: Final = "INSERT OR REPLACE INTO meta (name, value) VALUES ('alive', ?)"
-BROKEN: Final = (RemoteWireError, zlib.error, struct.error, ValueError, KeyError, IndexError)
 
 
 class SqliteHistory:
@@ -97,7 +94,7 @@ class SqliteHistory:
         for node, count, last in self._database.read("SELECT node, count(*), max(time) FROM row GROUP BY node"):
             self._counts[node] = count
             self._last[node] = last
-        self._decoded: OrderedDict[tuple[int, int], list[Row]] = OrderedDict()
+        self._decoded = DecodedBlocks()
         self._large: list[int] = [node for node, count in self._counts.items() if count >= 2 * BLOCK_ROWS]
         """Nodes with enough rows for a block."""
         self._aged: list[NodeId] = []
@@ -145,7 +142,11 @@ class SqliteHistory:
     def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
         """Compact a node, or look at the age of some."""
         if self._large:
-            self._compact(self._large.pop())
+            number = self._large.pop()
+            if self._has_many(number):
+                self._compact(number)
+            if self._has_many(number):
+                self._large.append(number)
             return True
         if not self._aged:
             if now < self._next_round:
@@ -166,18 +167,22 @@ class SqliteHistory:
         """Give the file free."""
         self._database.close()
 
+    def _has_many(self, number: int) -> bool:
+        """Whether a node has enough rows for a block."""
+        return self._counts.get(number, 0) >= 2 * BLOCK_ROWS
+
     def _compact(self, number: int) -> None:
-        """Make blocks of the oldest rows of a node, in one commit each."""
-        while self._counts.get(number, 0) >= 2 * BLOCK_ROWS:
-            rows = self._rows(number, EARLIEST, LATEST, BLOCK_ROWS, backward=False)
-            self._database.commit(
-                (
-                    "INSERT INTO block (node, first, last, data) VALUES (?, ?, ?, ?)",
-                    (number, rows[0].time, rows[-1].time, encode_block(rows)),
-                ),
-                ("DELETE FROM row WHERE node = ? AND time <= ?", (number, rows[-1].time)),
-            )
-            self._counts[number] -= len(rows)
+        """Make a block of the oldest rows of a node, in one commit."""
+        rows = Rows(BLOCK_ROWS, BLOCK_BYTES)
+        self._add_rows(rows, number, EARLIEST, LATEST, backward=False)
+        self._database.commit(
+            (
+                "INSERT INTO block (node, first, last, data) VALUES (?, ?, ?, ?)",
+                (number, rows[0].time, rows[-1].time, encode_block(rows)),
+            ),
+            ("DELETE FROM row WHERE node = ? AND time <= ?", (number, rows[-1].time)),
+        )
+        self._counts[number] -= len(rows)
 
     def _remove_old(self, before: dict[int, int]) -> None:
         statements: list[Statement] = []
@@ -218,49 +223,41 @@ class SqliteHistory:
             self._remove_old(dict.fromkeys(self._ids.values(), before))
         self.over_limit = over_limit_text(self.used_bytes(), most_bytes)
 
-    def _rows(self, number: int, first: int, last: int, most: int, *, backward: bool) -> list[Row]:
-        """Those of a node that are in no block."""
-        found = self._database.read(_ROWS[backward], (number, first, last, most))
+    def _add_rows(self, found: Rows, number: int, first: int, last: int, *, backward: bool) -> None:
+        """Add those of a node that are in no block, one by one: each may have a megabyte."""
+        rows = self._database.rows(_ROWS[backward], (number, first, last, found.room))
         try:
-            return [decode_value(*row) for row in found]
+            found.take(decode_value(*row) for row in rows)
         except BROKEN as error:
             raise self._broken(error) from error
 
-    def _block(self, number: int, first: int) -> list[Row]:
-        """The rows of a block."""
-        key = number, first
-        rows = self._decoded.pop(key, None)
-        if rows is None:
+    def _add_block(self, found: Rows, key: tuple[int, int], first: int, last: int, *, backward: bool) -> None:
+        """Add those of a block."""
+        if key not in self._decoded:
             [(data,)] = self._database.read("SELECT data FROM block WHERE node = ? AND first = ?", key)
             try:
-                rows = decode_block(data)
+                self._decoded.add(key, data)
             except BROKEN as error:
                 raise self._broken(error) from error
-            if len(self._decoded) >= CACHED_BLOCKS:
-                self._decoded.popitem(last=False)
-        self._decoded[key] = rows
-        return rows
+        self._decoded.put_into(found, key, first, last, backward=backward)
 
     def _broken(self, error: Exception) -> StorageUnavailable:
         return StorageUnavailable(f"{self.path} is broken ({error}); move the file away: a new one is made")
 
-    def between(self, number: int, first: int, last: int, most: int, *, backward: bool) -> list[Row]:
-        """Rows of a node, as `Series.between`."""
-        if first > last or most <= 0 or not number:
-            return []
-        last = min(last, LATEST)
-        found = self._rows(number, first, last, most, backward=True) if backward else list[Row]()
-        if len(found) >= most:
+    def between(self, number: int, first: int, last: int, found: Rows, *, backward: bool) -> Rows:
+        """Rows of a node, as `Series.between`, added to `found`."""
+        if first > last or not found.room or not number:
             return found
-        for (start,) in self._database.rows(_BLOCKS[backward], (number, last, first)):
-            within = self._block(number, start)
-            if start < first or within[-1].time > last:
-                within = [row for row in within if first <= row.time <= last]
-            found += within[::-1] if backward else within
-            if len(found) >= most:
-                return found[:most]
+        last = min(last, LATEST)
+        if backward:
+            self._add_rows(found, number, first, last, backward=True)
+        if found.room:
+            for (start,) in self._database.rows(_BLOCKS[backward], (number, last, first)):
+                self._add_block(found, (number, start), first, last, backward=backward)
+                if not found.room:
+                    return found
         if not backward:
-            found += self._rows(number, first, last, most - len(found), backward=False)
+            self._add_rows(found, number, first, last, backward=False)
         return found
 
 
@@ -270,9 +267,11 @@ class SqliteSeries:
     def __init__(self, store: SqliteHistory, number: int) -> None:
         self._store, self._number = store, number
 
-    def between(self, first: int, last: int, most: int, *, backward: bool = False) -> list[Row]:
+    def between(
+        self, first: int, last: int, most: int, *, backward: bool = False, most_bytes: int = MOST_READ_BYTES
+    ) -> Rows:
         """As the protocol says."""
-        return self._store.between(self._number, first, last, most, backward=backward)
+        return self._store.between(self._number, first, last, Rows(most, most_bytes), backward=backward)
 
 
 def _fill(run: Run) -> None:

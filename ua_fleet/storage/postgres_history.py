@@ -1,8 +1,5 @@
 """History in PostgreSQL: rows first, then blocks of a thousand, both in native partitions by day.
 
-    sample, block      partitioned by time: one partition for each day, which is dropped as a whole when it is old
-    sample_late, ...   rows whose day was over when they came: a robot's clock is wrong, and makes no partitions
-
 Rows come by COPY, a batch in one commit. Once a node has two thousand of them, the older half becomes a block, which
 takes a tenth of the space; a block never spans two days. Each row is later than the blocks of its node.
 """
@@ -10,27 +7,36 @@ takes a tenth of the space; a block never spans two days. Each row is later than
 from __future__ import annotations
 
 import secrets
-from collections import OrderedDict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from itertools import takewhile
-from typing import Any, Final
+from typing import Final
 
 from ua_fleet.errors import UPGRADE, StorageUnavailable, newer_version
-from ua_fleet.history.blocks import decode_block, decode_value, encode_block, encode_value
+from ua_fleet.history.blocks import decode_value, encode_block, encode_value
 from ua_fleet.history.recorder import Kept
-from ua_fleet.history.rows import EARLIEST, LATEST, Row
+from ua_fleet.history.rows import EARLIEST, LATEST, MOST_READ_BYTES, Rows
 from ua_fleet.history.store import BOUNDED, BOUNDED_PART, cut_of, node_of, node_text, over_limit_text
-from ua_fleet.storage.history_store import BLOCK_ROWS, BROKEN, CACHED_BLOCKS
+from ua_fleet.storage.decoded_blocks import BLOCK_BYTES, BLOCK_ROWS, BROKEN, DecodedBlocks
 from ua_fleet.storage.postgres import TENDING_S, Connection, PostgresDatabase
+from ua_fleet.storage.postgres_tables import (
+    BLOCKS,
+    CREATE_TABLES,
+    DAY,
+    PARTITIONS,
+    PARTITIONS_OF,
+    ROWS,
+    SCHEMA,
+    SET_META,
+    SIZES,
+    TABLES,
+    add_day,
+    used_bytes,
+)
 from ua_fleet.values import TICKS_PER_SECOND, NodeId
 
 __all__ = ["SCHEMA", "PostgresHistory"]
 
-SCHEMA: Final = "ua_fleet_history"
 VERSION: Final = 1
-_DAY: Final = 86_400 * TICKS_PER_SECOND
-_TABLES: Final = (("sample", "time"), ("block", "first"))
-"""What is partitioned, and by which column."""
 _SLICE: Final = 100
 """Nodes whose age is looked at in one piece of work."""
 _ROW_BYTES: Final = 150
@@ -38,46 +44,10 @@ _ROW_BYTES: Final = 150
 _SPARE_BYTES: Final = 256_000
 """Of rows that are in blocks by now: less is not worth writing a partition anew."""
 _BLOCKS_READ: Final = 8
+_BLOCKS_BYTES: Final = 4 * BLOCK_BYTES
+"""Of blocks that are read at once; one may have more."""
 _TRIES: Final = 40
 """To come below the size that the store may have, in one round."""
-_CREATE: Final = (
-    "CREATE TABLE meta (name text PRIMARY KEY, value bytea NOT NULL)",
-    "CREATE TABLE node (id integer PRIMARY KEY, name bytea NOT NULL UNIQUE)",
-    """CREATE TABLE sample (node integer, time bigint, status bigint NOT NULL, value bytea NOT NULL,
-        PRIMARY KEY (node, time)) PARTITION BY RANGE (time)""",
-    "CREATE TABLE sample_late PARTITION OF sample DEFAULT",
-    """CREATE TABLE block (node integer, first bigint, last bigint NOT NULL, data bytea NOT NULL,
-        PRIMARY KEY (node, first)) PARTITION BY RANGE (first)""",
-    "ALTER TABLE block ALTER data SET STORAGE EXTERNAL",  # it is compressed already
-    "CREATE TABLE block_late PARTITION OF block DEFAULT",
-)
-_SET_META: Final = "INSERT INTO meta VALUES ($1, $2) ON CONFLICT (name) DO UPDATE SET value = excluded.value"
-_USED: Final = (
-    "SELECT coalesce(sum(pg_total_relation_size(inhrelid)), 0)::bigint FROM pg_inherits"
-    " WHERE inhparent IN ('sample'::regclass, 'block'::regclass)"
-)
-_PARTITIONS: Final = (
-    "SELECT relname FROM pg_inherits JOIN pg_class ON pg_class.oid = inhrelid WHERE inhparent = 'sample'::regclass"
-)
-_SIZES: Final = (
-    "SELECT time, octet_length(value) FROM sample WHERE node = $1"
-    " UNION ALL SELECT last, octet_length(data) FROM block WHERE node = $1 ORDER BY 1 DESC"
-)
-"""Of a node's rows and blocks, the newest first."""
-_PARTITIONS_OF: Final = (
-    "SELECT tableoid::regclass::text FROM sample WHERE node = $1 AND time <= $2"
-    " UNION SELECT tableoid::regclass::text FROM block WHERE node = $1 AND last <= $2"
-)
-_ROWS: Final = (
-    "SELECT time, status, value FROM sample WHERE node = $1 AND time BETWEEN $2 AND $3 ORDER BY time LIMIT $4",
-    "SELECT time, status, value FROM sample WHERE node = $1 AND time BETWEEN $2 AND $3 ORDER BY time DESC LIMIT $4",
-)
-_BLOCKS: Final = (
-    "SELECT first, data FROM block WHERE node = $1 AND first BETWEEN $2 AND $3 AND last >= $4 ORDER BY first LIMIT $5",
-    """SELECT first, data FROM block WHERE node = $1 AND first BETWEEN $2 AND $3 AND last >= $4
-        ORDER BY first DESC LIMIT $5""",
-)
-"""Forward and backward."""
 
 
 class PostgresHistory:
@@ -109,10 +79,10 @@ class PostgresHistory:
                 await connection.execute(f"CREATE SCHEMA {SCHEMA}")
             await connection.execute(f"SET SESSION search_path TO {SCHEMA}")
             if await connection.fetchval("SELECT to_regclass($1) IS NULL", f"{SCHEMA}.meta"):
-                for statement in _CREATE:
+                for statement in CREATE_TABLES:
                     await connection.execute(statement)
                 for name, value in (("version", str(VERSION).encode()), ("secret", secrets.token_bytes(32))):
-                    await connection.execute(_SET_META, name, value)
+                    await connection.execute(SET_META, name, value)
         meta = dict(await connection.fetch("SELECT name, value FROM meta"))
         found = int(meta["version"])
         if newer := newer_version(found, VERSION):
@@ -132,17 +102,20 @@ class PostgresHistory:
             self._counts[node] = count
             self._last[node] = time
         await self._read_days(connection)
-        self._decoded: OrderedDict[tuple[int, int], list[Row]] = OrderedDict()
+        self._decoded = DecodedBlocks()
         self._large = self._with_many()
 
     async def _read_days(self, connection: Connection) -> None:
-        names = [str(name) for (name,) in await connection.fetch(_PARTITIONS)]
+        names = [str(name) for (name,) in await connection.fetch(PARTITIONS)]
         self._days = {int(name.removeprefix("sample_d")) for name in names if name != "sample_late"}
         """Those that have a partition, counted from the epoch of ticks."""
 
     def _with_many(self) -> list[int]:
         """Nodes with enough rows for a block."""
-        return [number for number, count in self._counts.items() if count >= 2 * BLOCK_ROWS]
+        return [number for number in self._counts if self._has_many(number)]
+
+    def _has_many(self, number: int) -> bool:
+        return self._counts.get(number, 0) >= 2 * BLOCK_ROWS
 
     def last_times(self) -> dict[NodeId, int]:
         """The time of the last row of each node that has any."""
@@ -164,17 +137,17 @@ class PostgresHistory:
             last[number] = row.time
             counts[number] = counts.get(number, 0) + 1
             rows.append((number, row.time, row.status, encode_value(row)))
-        today = now // _DAY
-        days = {time // _DAY for _, time, _, _ in rows}.intersection(range(today - 1, today + 2)) - self._days
+        today = now // DAY
+        days = {time // DAY for _, time, _, _ in rows}.intersection(range(today - 1, today + 2)) - self._days
         async with connection.transaction():
             for day in days:
-                await _add_day(connection, day)
+                await add_day(connection, day)
             if ids:
                 nodes = [(number, node_text(key).encode("utf-8", "surrogatepass")) for key, number in ids.items()]
                 await connection.copy_records_to_table("node", records=nodes, schema_name=SCHEMA)
             if rows:
                 await connection.copy_records_to_table("sample", records=rows, schema_name=SCHEMA)
-            await connection.execute(_SET_META, "alive", str(now).encode())
+            await connection.execute(SET_META, "alive", str(now).encode())
         self._ids |= ids
         self._last |= last
         self._days |= days
@@ -190,7 +163,7 @@ class PostgresHistory:
 
     def used_bytes(self) -> int:
         """Bytes of all partitions with their indexes."""
-        return self._database.run(_used)
+        return self._database.run(used_bytes)
 
     def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
         """Compact a node, or remove what is too old."""
@@ -204,7 +177,11 @@ class PostgresHistory:
         self, connection: Connection, now: int, days_of: Callable[[NodeId], float], most_bytes: int
     ) -> bool:
         if self._large:
-            await self._compact(connection, self._large.pop())
+            number = self._large.pop()
+            if self._has_many(number):
+                await self._compact(connection, number)
+            if self._has_many(number):
+                self._large.append(number)
             return True
         if not self._aged:
             if now < self._next_round:
@@ -216,32 +193,32 @@ class PostgresHistory:
             # Once more those whose compaction has failed; in between there was time for the age of the others.
             self._large = self._with_many()
             if kept:
-                await self._drop_old(connection, now - int(longest * _DAY))
+                await self._drop_old(connection, now - int(longest * DAY))
             await self._vacuum(connection)
             await self._cut_bounded(connection, most_bytes // BOUNDED_PART)
             await self._remove_most(connection, now, most_bytes)
             return bool(self._aged)
         some, self._aged = self._aged[:_SLICE], self._aged[_SLICE:]
-        await self._remove_old(connection, {self._ids[key]: now - int(days_of(key) * _DAY) for key in some})
+        await self._remove_old(connection, {self._ids[key]: now - int(days_of(key) * DAY) for key in some})
         return bool(self._aged)
 
     async def _compact(self, connection: Connection, number: int) -> None:
-        """Make blocks of the oldest rows of a node, in one commit each."""
-        while self._counts.get(number, 0) >= 2 * BLOCK_ROWS:
-            oldest = await self._rows(connection, number, EARLIEST, LATEST, BLOCK_ROWS, backward=False)
-            day = oldest[0].time // _DAY
-            rows = list(takewhile(lambda row: row.time // _DAY == day, oldest))  # noqa: B023 - it is used at once
-            data = encode_block(rows)
-            async with connection.transaction():
-                await connection.execute(
-                    "INSERT INTO block VALUES ($1, $2, $3, $4)", number, rows[0].time, rows[-1].time, data
-                )
-                await connection.execute("DELETE FROM sample WHERE node = $1 AND time <= $2", number, rows[-1].time)
-            self._counts[number] -= len(rows)
+        """Make a block of the oldest rows of a node, in one commit."""
+        oldest = Rows(BLOCK_ROWS, BLOCK_BYTES)
+        await self._add_rows(connection, oldest, number, EARLIEST, LATEST, backward=False)
+        day = oldest[0].time // DAY
+        rows = list(takewhile(lambda row: row.time // DAY == day, oldest))
+        data = encode_block(rows)
+        async with connection.transaction():
+            await connection.execute(
+                "INSERT INTO block VALUES ($1, $2, $3, $4)", number, rows[0].time, rows[-1].time, data
+            )
+            await connection.execute("DELETE FROM sample WHERE node = $1 AND time <= $2", number, rows[-1].time)
+        self._counts[number] -= len(rows)
 
     async def _drop_old(self, connection: Connection, before: int) -> None:
         """Drop the days that are too old for all nodes."""
-        old = [day for day in sorted(self._days) if (day + 1) * _DAY <= before]
+        old = [day for day in sorted(self._days) if (day + 1) * DAY <= before]
         for day in old:
             await self._drop_day(connection, day)
         for table, column in (("sample", "time"), ("block", "last")):
@@ -250,7 +227,7 @@ class PostgresHistory:
 
     async def _drop_day(self, connection: Connection, day: int) -> None:
         """The oldest day, by far the quickest way to remove anything."""
-        await connection.execute("; ".join(f"DROP TABLE {table}_d{day:d}" for table, _ in _TABLES))
+        await connection.execute("; ".join(f"DROP TABLE {table}_d{day:d}" for table, _ in TABLES))
         self._days.discard(day)
 
     async def _remove_old(self, connection: Connection, before: dict[int, int]) -> None:
@@ -280,9 +257,9 @@ class PostgresHistory:
     async def _cut_bounded(self, connection: Connection, most_bytes: int) -> None:
         """Remove the oldest of the series that takes more than its part, and give the space back."""
         number = self._ids.get(BOUNDED, 0)
-        if (cut := cut_of(await connection.fetch(_SIZES, number), most_bytes)) is None:
+        if (cut := cut_of(await connection.fetch(SIZES, number), most_bytes)) is None:
             return
-        touched = await connection.fetch(_PARTITIONS_OF, number, cut)
+        touched = await connection.fetch(PARTITIONS_OF, number, cut)
         await self._remove_old(connection, {number: cut + 1})
         for (name,) in touched:
             await connection.execute(f"VACUUM (FULL) {name}")
@@ -290,7 +267,7 @@ class PostgresHistory:
     async def _remove_most(self, connection: Connection, now: int, most_bytes: int) -> None:
         """Remove the oldest day, again and again, while there is too much; of the last one a part."""
         for _ in range(_TRIES):
-            used = await _used(connection)
+            used = await used_bytes(connection)
             if used <= most_bytes:
                 break
             if await connection.fetchval("SELECT EXISTS (SELECT FROM sample_late) OR EXISTS (SELECT FROM block_late)"):
@@ -299,7 +276,7 @@ class PostgresHistory:
                 await self._drop_day(connection, min(self._days))
             elif self._days:
                 await self._shorten_day(connection, min(self._days), now, most_bytes / used)
-        self.over_limit = over_limit_text(await _used(connection), most_bytes)
+        self.over_limit = over_limit_text(await used_bytes(connection), most_bytes)
         await self._count_again(connection)
 
     async def _shorten_day(self, connection: Connection, day: int, now: int, share: float) -> None:
@@ -314,61 +291,61 @@ class PostgresHistory:
             await connection.execute(f"DELETE FROM {table}_d{day:d} WHERE {column} < {before:d}")
             await connection.execute(f"VACUUM (FULL) {table}_d{day:d}")
 
-    async def _rows(
-        self, connection: Connection, number: int, first: int, last: int, most: int, *, backward: bool
-    ) -> list[Row]:
-        """Those of a node that are in no block."""
-        found = await connection.fetch(_ROWS[backward], number, first, last, most)
-        try:
-            return [decode_value(time, status, value) for time, status, value in found]
-        except BROKEN as error:
-            raise self._broken(error) from error
-
-    def _block(self, number: int, first: int, data: bytes) -> list[Row]:
-        """The rows of a block."""
-        key = number, first
-        rows = self._decoded.pop(key, None)
-        if rows is None:
+    async def _add_rows(
+        self, connection: Connection, found: Rows, number: int, first: int, last: int, *, backward: bool
+    ) -> None:
+        """Add those of a node that are in no block, piece by piece where they are large."""
+        while found.room:
+            room_bytes = found.room_bytes
+            rows = await connection.fetch(ROWS[backward], found.room, room_bytes, number, first, last)
             try:
-                rows = decode_block(data)
+                found.take(decode_value(*row) for row in rows)
             except BROKEN as error:
                 raise self._broken(error) from error
-            if len(self._decoded) >= CACHED_BLOCKS:
-                self._decoded.popitem(last=False)
-        self._decoded[key] = rows
-        return rows
+            if sum(len(value) for _, _, value in rows) <= room_bytes:
+                break
+            first, last = (first, rows[-1][0] - 1) if backward else (rows[-1][0] + 1, last)
 
     def _broken(self, error: Exception) -> StorageUnavailable:
         return StorageUnavailable(f"{self.name}: a block of the history is broken ({error}); restore a backup of it")
 
-    def between(self, key: NodeId, first: int, last: int, most: int, *, backward: bool) -> list[Row]:
-        """Rows of a node, as `Series.between`."""
-        if first > last or most <= 0:
-            return []
-        last = min(last, LATEST)
-        return self._database.run(lambda connection: self._between(connection, key, first, last, most, backward))
+    def between(self, key: NodeId, first: int, last: int, found: Rows, *, backward: bool) -> Rows:
+        """Rows of a node, as `Series.between`, added to `found`."""
+        if first <= last and found.room:
+            last = min(last, LATEST)
+            self._database.run(lambda connection: self._between(connection, key, first, last, found, backward))
+        return found
 
     async def _between(
-        self, connection: Connection, key: NodeId, first: int, last: int, most: int, backward: bool
-    ) -> list[Row]:
+        self, connection: Connection, key: NodeId, first: int, last: int, found: Rows, backward: bool
+    ) -> None:
         number = self._ids.get(key)
         if number is None:
-            return []
-        found = await self._rows(connection, number, first, last, most, backward=True) if backward else list[Row]()
-        low, high = max(first - first % _DAY, 0), last  # a block is within one day
-        while len(found) < most:
-            limit = min(_BLOCKS_READ, 1 + (most - len(found)) // 500)
-            blocks = await connection.fetch(_BLOCKS[backward], number, low, high, first, limit)
+            return
+        if backward:
+            await self._add_rows(connection, found, number, first, last, backward=True)
+        low, high = max(first - first % DAY, 0), last  # a block is within one day
+        while found.room:
+            limit = min(_BLOCKS_READ, 1 + found.room // 500)
+            blocks = await connection.fetch(BLOCKS[backward], limit, _BLOCKS_BYTES, number, low, high, first)
             for start, data in blocks:
-                within: Iterable[Row] = self._block(number, start, data)
-                within = [row for row in within if first <= row.time <= last]
-                found += within[::-1] if backward else within
+                self._add_block(found, (number, start), data, first, last, backward=backward)
                 low, high = (low, start - 1) if backward else (start + 1, high)
-            if len(blocks) < limit:
+            if len(blocks) < limit and sum(len(data) for _, data in blocks) <= _BLOCKS_BYTES:
                 break
-        if not backward and len(found) < most:
-            found += await self._rows(connection, number, first, last, most - len(found), backward=False)
-        return found[:most]
+        if not backward:
+            await self._add_rows(connection, found, number, first, last, backward=False)
+
+    def _add_block(
+        self, found: Rows, key: tuple[int, int], data: bytes, first: int, last: int, *, backward: bool
+    ) -> None:
+        """Add those of a block."""
+        if key not in self._decoded:
+            try:
+                self._decoded.add(key, data)
+            except BROKEN as error:
+                raise self._broken(error) from error
+        self._decoded.put_into(found, key, first, last, backward=backward)
 
 
 class PostgresSeries:
@@ -377,24 +354,8 @@ class PostgresSeries:
     def __init__(self, store: PostgresHistory, key: NodeId) -> None:
         self._store, self._key = store, key
 
-    def between(self, first: int, last: int, most: int, *, backward: bool = False) -> list[Row]:
+    def between(
+        self, first: int, last: int, most: int, *, backward: bool = False, most_bytes: int = MOST_READ_BYTES
+    ) -> Rows:
         """As the protocol says."""
-        return self._store.between(self._key, first, last, most, backward=backward)
-
-
-async def _used(connection: Connection) -> int:
-    used: Any = await connection.fetchval(_USED)
-    return int(used)
-
-
-async def _add_day(connection: Connection, day: int) -> None:
-    """Make the partitions of a day; what came before them, since a clock was wrong, moves there."""
-    low, high = day * _DAY, (day + 1) * _DAY
-    for table, column in _TABLES:
-        within = f"{column} >= {low:d} AND {column} < {high:d}"
-        await connection.execute(f"CREATE TEMPORARY TABLE moved AS SELECT * FROM {table}_late WHERE {within}")
-        await connection.execute(f"DELETE FROM {table}_late WHERE {within}")
-        await connection.execute(
-            f"CREATE TABLE {table}_d{day:d} PARTITION OF {table} FOR VALUES FROM ({low:d}) TO ({high:d})"
-        )
-        await connection.execute(f"INSERT INTO {table} SELECT * FROM moved; DROP TABLE moved")
+        return self._store.between(self._key, first, last, Rows(most, most_bytes), backward=backward)

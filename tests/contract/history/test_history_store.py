@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import random
+import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from ua_fleet.history.events import (
     encode_event,
     read_events,
 )
-from ua_fleet.history.raw import RawRead
+from ua_fleet.history.raw import RawRead, read_raw
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import EARLIEST, LATEST, ListSeries, Row
 from ua_fleet.history.store import HistoryStore, node_of, node_text
@@ -143,6 +144,56 @@ def test_any_part_of_it_is_read_in_both_directions(store: HistoryStore, compacte
             first, last, most, backward=backward
         )
     assert series.between(EARLIEST, LATEST, 0) == []
+
+
+@pytest.mark.parametrize("compacted", [False, True])
+@pytest.mark.parametrize("backward", [False, True])
+def test_rows_of_large_values_are_bounded_by_their_bytes(store: HistoryStore, compacted: bool, backward: bool) -> None:
+    random_ = random.Random(6)
+    rows = [row(second, random_.randbytes(random_.choice((10, 9_000))), BYTES) for second in range(2_100)]
+    store.write([(KEY, each) for each in rows], NOW)
+    if compacted:
+        tend(store)
+    series, expected = store.series(KEY), rows[::-1] if backward else rows
+    found, low, high = list[Row](), EARLIEST, LATEST
+    for _ in range(100):
+        part = series.between(low, high, 10_000, backward=backward, most_bytes=500_000)
+        sizes = [len(each.value) for each in part]
+        assert sum(sizes[:-1]) < 500_000
+        found += part
+        low, high = (low, part[-1].time - 1) if backward else (part[-1].time + 1, high)
+        if not part.is_cut:
+            break
+        assert sum(sizes) >= 500_000
+    assert found == expected
+    first, second = series.between(EARLIEST, LATEST, 10, backward=backward, most_bytes=1)
+    assert [first, second] == expected[:2]
+
+
+def test_a_block_of_large_values_takes_little_memory(store: HistoryStore) -> None:
+    """A page that begins in a block has all of it decoded."""
+    random_ = random.Random(7)
+    rows = [row(second, random_.randbytes(20_000), BYTES) for second in range(2_000)]
+    for at in range(0, len(rows), 500):
+        store.write([(KEY, each) for each in rows[at : at + 500]], NOW)
+    tend(store)
+    tracemalloc.start()
+    try:
+        assert store.series(KEY).between(EARLIEST, LATEST, 1) == rows[:1]
+        assert tracemalloc.get_traced_memory()[1] < 12_000_000
+    finally:
+        tracemalloc.stop()
+    assert all_of_pages(store) == rows
+
+
+def all_of_pages(store: HistoryStore) -> list[Row]:
+    """Those of a node, read as clients do."""
+    read, at, found = RawRead(NOW - 1, NOW + DAY, 0, bounds=False), None, list[Row]()
+    while True:
+        page = read_raw(store.series(KEY), read, at, 2_000)
+        found += [each for each in page.rows if each is not None]
+        if (at := page.rest) is None:
+            return found
 
 
 def test_compaction_makes_it_small(store: HistoryStore) -> None:

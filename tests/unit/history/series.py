@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import Any, Final
 
 from ua_fleet.history.bounds import Settings
-from ua_fleet.history.rows import BAD_NO_DATA, HistoryBits, ListSeries, Row
+from ua_fleet.history.rows import BAD_NO_DATA, HistoryBits, ListSeries, Row, Rows
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, ticks_from_datetime
 
 NOON: Final = ticks_from_datetime(datetime(2026, 3, 1, 12, tzinfo=UTC))
@@ -44,6 +44,15 @@ HISTORIAN_3: Final = HISTORIAN_2
 _FLAGS: Final = (True, False, True, True, None, True, False, False, True, True, False, True)
 HISTORIAN_4: Final = ListSeries(rows(_FIRST, *zip(_TIMES, _FLAGS, _STATUS, strict=True), kind=BOOLEAN))
 
+
+class FewBytes(ListSeries):
+    """Rows of which few bytes are read at once."""
+
+    def between(self, first: int, last: int, most: int, *, backward: bool = False, most_bytes: int = 100) -> Rows:
+        """As the protocol says."""
+        return super().between(first, last, most, backward=backward, most_bytes=min(100, most_bytes))
+
+
 SETTINGS: Final = {
     1: Settings(treat_uncertain_as_bad=False),
     2: Settings(treat_uncertain_as_bad=True),
@@ -67,5 +76,5 @@ def table(text: str) -> list[str]:
     return [line.strip() for line in text.strip().splitlines()]
 
 
-def lines(found: Sequence[Row]) -> list[str]:
+def lines(found: Iterable[Row]) -> list[str]:
     return [told(row) for row in found]

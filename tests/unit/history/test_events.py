@@ -7,6 +7,7 @@ import struct
 
 import pytest
 
+from tests.unit.history.series import FewBytes
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.history.events import (
     AUDIT_EVENTS,
@@ -164,7 +165,7 @@ def test_each_page_is_where_the_one_before_ends() -> None:
     for _ in range(50):
         moments = sorted(NOW + random_.randrange(300) for _ in range(random_.randrange(1, 700)))
         both = [rows_of(*part) for part in (moments[::2], moments[1::2])]
-        series = MergedSeries([ListSeries(rows) for rows in both])
+        series = MergedSeries([random_.choice((ListSeries, FewBytes))(rows) for rows in both])
         start, end = (NOW + random_.randrange(-10, 310) for _ in range(2))
         low, high = min(start, end), max(start, end)
         if start == end:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise
 
@@ -11,10 +12,10 @@ import pytest
 from tests.unit.history.series import HISTORIAN_1, HISTORIAN_4, NOON, SETTINGS, at, lines, table
 from ua_fleet.history.aggregates import Aggregate
 from ua_fleet.history.at_times import read_at_times
+from ua_fleet.history.blocks import encode_rows
 from ua_fleet.history.bounds import Settings
 from ua_fleet.history.processed import Failure, ProcessedPage, ProcessedRead, read_processed
 from ua_fleet.history.rows import BAD_DATA_LOST, ListSeries, Row, Series
-from ua_fleet.history.window import Window, window
 from ua_fleet.values import TICKS_PER_SECOND
 
 S = TICKS_PER_SECOND
@@ -104,10 +105,8 @@ def test_numbers_are_not_made_of_texts_and_flags() -> None:
 
 
 def test_an_interval_of_too_many_values_is_refused_and_a_page_of_them_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    def narrow(series: Series, low: int, high: int, settings: Settings) -> Window:
-        return window(series, low, high, settings, most=10)
-
-    monkeypatch.setattr("ua_fleet.history.processed.window", narrow)
+    monkeypatch.setattr("ua_fleet.history.processed.PIECE_ROWS", 3)
+    monkeypatch.setattr("ua_fleet.history.processed.MOST_ROWS", 10)
     series = ListSeries([Row(NOON + number * S, 0, 11, 1.0) for number in range(100)])
     read = ProcessedRead(NOON, NOON + 100 * S, 5_000, Aggregate.COUNT, SETTINGS[1])
     page = page_of(series, read)
@@ -117,10 +116,62 @@ def test_an_interval_of_too_many_values_is_refused_and_a_page_of_them_is_cut(mon
     assert read_processed(series, whole, 0, 10) == Failure(is_too_much=True)
 
 
+@pytest.mark.parametrize("backward", [False, True])
+def test_what_is_calculated_piece_by_piece_is_the_same(monkeypatch: pytest.MonkeyPatch, backward: bool) -> None:
+    random_ = random.Random(8)
+    times = sorted(random_.sample(range(1_000), 400))
+    statuses = random_.choices((0, 0, 0, 0x4000_0000, 0x8000_0000), k=400)
+    series = ListSeries(
+        [Row(NOON + time * S, status, 11, float(time)) for time, status in zip(times, statuses, strict=True)]
+    )
+    ends = (NOON + 1_010 * S, NOON - 5 * S) if backward else (NOON - 5 * S, NOON + 1_010 * S)
+    for aggregate in Aggregate:
+        for interval_s in (7, 100, 500):
+            read = ProcessedRead(*ends, interval_s * 1_000, aggregate, SETTING)
+            whole = page_of(series, read, most=1_000)
+            with monkeypatch.context() as small:
+                small.setattr("ua_fleet.history.processed.PIECE_ROWS", 20)
+                assert page_of(series, read, most=1_000) == whole
+                assert len(whole.rows) == read.count
+
+
+@pytest.mark.parametrize("backward", [False, True])
+def test_intervals_of_large_values_are_calculated_piece_by_piece(backward: bool) -> None:
+    """64 MB of values are read at once: six of these intervals; one with more is refused where it needs the values."""
+    series = ListSeries([Row(NOON + second * S, 0, 15, bytes([second]) * 1_000_000) for second in range(200)])
+    start, end = (NOON + 199 * S, NOON - S) if backward else (NOON, NOON + 200 * S)
+    read = ProcessedRead(start, end, 10_000, Aggregate.START, SETTING)
+    begins = [start + number * (-10 if backward else 10) * S for number in range(20)]
+    first = [begin - 9 * S for begin in begins] if backward else begins
+    rows = page_of(series, read).rows
+    assert [(row.time, row.value[0]) for row in rows] == [(time, (time - NOON) // S) for time in first]
+    for aggregate, expected in ((Aggregate.COUNT, 200), (Aggregate.PERCENT_GOOD, 100.0)):
+        whole = ProcessedRead(start, end, 0, aggregate, SETTING)
+        [row] = page_of(series, whole).rows
+        assert row.value == pytest.approx(expected, rel=0.01)
+    whole = ProcessedRead(start, end, 0, Aggregate.START, SETTING)
+    assert read_processed(series, whole, 0, 10) == Failure(is_too_much=True)
+
+
 def test_an_empty_series_has_no_data() -> None:
     read = ProcessedRead(NOON, NOON + 10 * S, 5_000, Aggregate.PERCENT_GOOD, SETTINGS[1])
     assert lines(page_of(ListSeries([]), read).rows) == ["0:00 NoData", "0:05 NoData"]
     assert lines(read_at_times(ListSeries([]), [NOON], SETTING, simple=False)) == ["0:00 NoData"]
+
+
+def test_values_at_times_are_looked_for_while_there_is_room() -> None:
+    image = bytes(1_000_000)
+    series = ListSeries([Row(NOON + second * S, 0, 15, image) for second in range(1_000)])
+    taken: list[int] = []
+
+    def times() -> Iterator[int]:
+        for second in range(1_000):
+            taken.append(second)
+            yield NOON + second * S
+
+    room = 3_500_000
+    data, count = encode_rows(read_at_times(series, times(), SETTING, simple=False), room, room)
+    assert (len(data) // 1_000_000, count, taken) == (3, 3, [0, 1, 2, 3])
 
 
 def test_values_at_times_are_those_recorded_or_between_them() -> None:
@@ -175,6 +226,12 @@ def line_at(good: list[Row], moment: int) -> Fraction | None:
 def test_an_independent_computation_agrees(hundred: int) -> None:
     """Gaps, Bad values and marks; each figure is computed by the definition, moment by moment, with exact fractions."""
     for seed in range(100 * hundred, 100 * (hundred + 1)):
+        _compare(seed)
+
+
+def test_it_agrees_with_what_is_calculated_in_small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ua_fleet.history.processed.PIECE_ROWS", 2)
+    for seed in range(100):
         _compare(seed)
 
 

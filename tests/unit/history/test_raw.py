@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ua_fleet.history.raw import Position, RawRead, read_raw
+from tests.unit.history.series import FewBytes
+from ua_fleet.history.raw import Phase, Position, RawRead, read_raw
 from ua_fleet.history.rows import BAD_BOUND_NOT_FOUND, ListSeries, Row
 
 SERIES = ListSeries([Row(time, 0, 11, float(time)) for time in (500, 502, 503, 505, 506)])
@@ -94,11 +95,14 @@ def test_one_time_alone_says_too_little() -> None:
 TIMES = st.integers(0, 40)
 
 
-@given(st.sets(TIMES), TIMES, TIMES, st.booleans(), st.integers(1, 5))
-def test_pages_together_are_the_whole(times: set[int], start: int, end: int, bounds: bool, page_size: int) -> None:
-    series = ListSeries([Row(time, 0, 11, 0.0) for time in times])
+@given(st.sets(TIMES), TIMES, TIMES, st.booleans(), st.integers(1, 5), st.booleans())
+def test_pages_together_are_the_whole(
+    times: set[int], start: int, end: int, bounds: bool, page_size: int, few_bytes: bool
+) -> None:
+    rows = [Row(time, 0, 15, bytes(time % 7 * 20)) for time in times]
+    series = FewBytes(rows) if few_bytes else ListSeries(rows)
     read = RawRead(start, end, 0, bounds)
-    whole = read_raw(series, read, None, 1000)
+    whole = read_raw(ListSeries(rows), read, None, 1000)
     assert whole.rest is None
     found: list[Row | None] = []
     at: Position | None = None
@@ -113,3 +117,13 @@ def test_pages_together_are_the_whole(times: set[int], start: int, end: int, bou
     else:
         raise AssertionError("it has no end")
     assert found == whole.rows
+
+
+def test_a_page_of_large_values_takes_little_memory() -> None:
+    """16 MB, though 2,000 values were allowed."""
+    image = bytes(1_000_000)
+    series = ListSeries([Row(time, 0, 15, image) for time in range(2_000)])
+    page = read_raw(series, RawRead(0, 2_000, 2_000, bounds=False), None, 2_000)
+    assert (len(page.rows), page.rest) == (16, Position(Phase.WITHIN, 16))
+    page = read_raw(series, RawRead(1_999, 0, 2_000, bounds=True), None, 2_000)
+    assert (len(page.rows), page.rest) == (17, Position(Phase.WITHIN, 1_982))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import signal
 import sqlite3
@@ -14,6 +15,7 @@ from typing import Any
 import pytest
 
 from ua_fleet.errors import StorageUnavailable
+from ua_fleet.history.blocks import encode_block
 from ua_fleet.history.rows import EARLIEST, LATEST, Row
 from ua_fleet.storage import history_store
 from ua_fleet.storage.history_store import HISTORY_FILE, SqliteHistory
@@ -59,6 +61,49 @@ def test_a_block_that_is_broken_costs_the_read_and_says_so(tmp_path: Path) -> No
         assert store.series(KEY).between(1_500, LATEST, 10_000)[0].time == 1_500
 
 
+def noted_connections(monkeypatch: pytest.MonkeyPatch) -> list[sqlite3.Connection]:
+    """Those that are opened from now on."""
+    connections: list[sqlite3.Connection] = []
+    connect = sqlite3.connect
+
+    def noted(*arguments: Any, **options: Any) -> sqlite3.Connection:
+        connections.append(connect(*arguments, **options))
+        return connections[-1]
+
+    monkeypatch.setattr(sqlite3, "connect", noted)
+    return connections
+
+
+def test_a_page_costs_the_same_however_many_blocks_come_before_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the steps of SQLite's machine."""
+    steps: dict[int, int] = {}
+    for count in (10, 2_000):
+        path = tmp_path / str(count) / HISTORY_FILE
+        with contextlib.closing(SqliteHistory(path)) as store:
+            store.write(ROWS[:1], 1)
+        pairs = [(Row(10 * at, 0, 11, 1.0), Row(10 * at + 5, 0, 11, 2.0)) for at in range(1, count + 1)]
+        with contextlib.closing(sqlite3.connect(path)) as connection:
+            connection.executemany(
+                "INSERT INTO block VALUES (1, ?, ?, ?)",
+                [(first.time, last.time, encode_block((first, last))) for first, last in pairs],
+            )
+            connection.execute("DELETE FROM row")
+            connection.commit()
+        with monkeypatch.context() as noting:
+            connections = noted_connections(noting)
+            store = SqliteHistory(path)
+        with contextlib.closing(store):
+            series, made = store.series(KEY), itertools.count()
+            connections[0].set_progress_handler(lambda made=made: int(next(made) < 0), 1)
+            for backward in (False, True):
+                found = series.between(10 * count - 2, LATEST, 2, backward=backward)
+                assert found == list(pairs[-1][::-1] if backward else pairs[-1])
+            steps[count] = next(made)
+    assert steps[2_000] < 1.5 * steps[10]
+
+
 @pytest.mark.parametrize(
     ("begins", "ends", "said"),
     [
@@ -69,14 +114,7 @@ def test_a_block_that_is_broken_costs_the_read_and_says_so(tmp_path: Path) -> No
 def test_what_a_full_or_read_only_file_does_not_take_is_taken_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begins: str, ends: str, said: str
 ) -> None:
-    connections: list[sqlite3.Connection] = []
-    connect = sqlite3.connect
-
-    def noted(*arguments: Any, **options: Any) -> sqlite3.Connection:
-        connections.append(connect(*arguments, **options))
-        return connections[-1]
-
-    monkeypatch.setattr(sqlite3, "connect", noted)
+    connections = noted_connections(monkeypatch)
     with contextlib.closing(SqliteHistory(tmp_path / HISTORY_FILE)) as store:
         store.write(ROWS[:10], 10)
         connections[0].execute(begins)

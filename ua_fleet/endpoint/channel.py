@@ -22,7 +22,7 @@ from asyncua.ua.ua_binary import header_from_binary, uatcp_to_binary
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
 
-from ua_fleet.endpoint.answers import ArrayResponse
+from ua_fleet.endpoint.answers import EncodedResponse
 from ua_fleet.endpoint.audit_events import ChannelOpened
 from ua_fleet.endpoint.binary.encoders import encode
 from ua_fleet.endpoint.connection import FrameError
@@ -296,7 +296,7 @@ class Channel:
 
     def encode(self, response: Any, handle: int) -> bytes:
         """The bytes of a response; raises OverflowError when it is longer than the client takes."""
-        if isinstance(response, ArrayResponse):
+        if isinstance(response, EncodedResponse):
             data = response.encode(handle)
         else:
             response.ResponseHeader.RequestHandle = handle

@@ -1,10 +1,12 @@
 """The processes of the benchmark `services`: a server of ours, a stock asyncua server, and a client that asks.
 
     python -m benchmarks._services ours PORT FOLDER | stock PORT FOLDER | client URL FOLDER POLICY
+    python -m benchmarks._services watchers URL FOLDER POLICY
 
-A server answers `cpu` with the CPU seconds of its process, and `profile FILE` by profiling itself until the next line
-`profile`. The client answers `SERVICE COUNT REQUESTS`: it sends so many requests of so many operations, one after the
-other, looks at the results of the first one, and decodes no other.
+A server answers `cpu` with the CPU seconds of its process, `write HZ` by writing all values so often until `write 0`,
+and `profile FILE` by profiling itself until the next line `profile`. The client answers `SERVICE COUNT REQUESTS`: it
+sends so many requests of so many operations, one after the other, looks at the results of the first one, and decodes no
+other.
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -18,6 +20,7 @@ import logging
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,18 +33,40 @@ ua: Any = standard
 """Its types are no help to those who fill in its structures."""
 VALUES = 1_000
 IN_FOLDER = 100
+AT_ONCE = 50
+"""Values that are written before others get their turn."""
 URI = "urn:ua-fleet:benchmark"
 USER, PASSWORD = "operator", "benchmark-1234"
-METHOD = "ns=2;s=Method"
+OWNER, METHOD = "ns=2;s=Owner", "ns=2;s=Method"
 
 
 class Cost:
-    """CPU time of this process, and a profile of it where somebody asks for one."""
+    """CPU time of this process, and a profile of it where somebody asks for one; also writes the values of a server."""
 
-    def __init__(self) -> None:
+    def __init__(self, server: Any) -> None:
+        self._server = server
         self._profile: cProfile.Profile | None = None
+        self._writing: asyncio.Task[None] | None = None
+
+    async def _write(self, hertz: float) -> None:
+        """Write all values at this rate; a round that is late is not made up for."""
+        due, value = time.monotonic(), 0.0
+        while True:
+            value += 1.0
+            for number in range(1, VALUES + 1):
+                await self._server.write_attribute_value(ua.NodeId(number, 2), _fresh(value))
+                if number % AT_ONCE == 0:
+                    await asyncio.sleep(0)
+            due = max(due + 1 / hertz, time.monotonic())
+            await asyncio.sleep(due - time.monotonic())
 
     async def answer(self, line: str) -> str:
+        if line.startswith("write"):
+            hertz = float(line.split()[1])
+            if self._writing is not None:
+                self._writing.cancel()
+                await asyncio.wait([self._writing])
+            self._writing = asyncio.create_task(self._write(hertz)) if hertz else None
         if line.startswith("profile"):
             _, _, path = line.partition(" ")
             if self._profile is None:
@@ -65,7 +90,14 @@ async def ours(port: int, folder: Path) -> None:
     (folder / "state").mkdir(mode=0o700)
     users.add(USER, PASSWORD, Role.OPERATOR)
     config = ServerConfig.model_validate(
-        {"port": port, "allow_none_security": True, "allow_anonymous": True, "trust_all_clients": True}
+        {
+            "port": port,
+            "allow_none_security": True,
+            "allow_anonymous": True,
+            "trust_all_clients": True,
+            "max_sessions": 100,
+            "max_sessions_per_user": 100,
+        }
     )
     server = await create_server(config, folder / "state", application_uri=URI, users=users)
     await server.register_namespace("urn:ua-fleet:fleet")
@@ -87,20 +119,21 @@ async def ours(port: int, folder: Path) -> None:
             value=_fresh(),
             writable=True,
         )
-    method = ua.NodeId.from_string(METHOD)
-    builder.add_method(method, QualifiedName(2, "Method"), objects)
+    owner, method = ua.NodeId.from_string(OWNER), ua.NodeId.from_string(METHOD)
+    builder.add_object(owner, QualifiedName(2, "Owner"), objects, ua.NodeId(ua.ObjectIds.BaseObjectType))
+    builder.add_method(method, QualifiedName(2, "Method"), owner)
     server.iserver.aspace[method].call = _call
     await server.start()
     print("ready", flush=True)
-    await serve_lines(Cost().answer)
+    await serve_lines(Cost(server).answer)
     await server.stop()
 
 
-def _fresh() -> Any:
+def _fresh(value: float = 1.5) -> Any:
     from datetime import UTC, datetime
 
     now: Any = datetime.now(UTC)
-    return ua.DataValue(ua.Variant(1.5, ua.VariantType.Double), ua.StatusCode(ua.UInt32(0)), now, now)
+    return ua.DataValue(ua.Variant(value, ua.VariantType.Double), ua.StatusCode(ua.UInt32(0)), now, now)
 
 
 async def _call(_parent: Any) -> Any:
@@ -130,10 +163,11 @@ async def stock(port: int, folder: Path) -> None:
         node = await parent.add_variable(f"ns=2;i={number}", f"2:value{number}", 0.0)
         await server.write_attribute_value(node.nodeid, _fresh())
         await node.set_writable()
-    await server.nodes.objects.add_method(METHOD, "2:Method", _call, [], [])
+    owner = await server.nodes.objects.add_object(OWNER, "2:Owner")
+    await owner.add_method(METHOD, "2:Method", _call, [], [])
     await server.start()
     print("ready", flush=True)
-    await serve_lines(Cost().answer)
+    await serve_lines(Cost(server).answer)
     await server.stop()
 
 
@@ -239,7 +273,7 @@ def _browse(count: int) -> tuple[Any, Any]:
 
 
 def _calls(count: int) -> tuple[Any, Any]:
-    method = ua.CallMethodRequest(ua.NodeId(ua.ObjectIds.ObjectsFolder), ua.NodeId.from_string(METHOD), [])
+    method = ua.CallMethodRequest(ua.NodeId.from_string(OWNER), ua.NodeId.from_string(METHOD), [])
     request: Any = ua.CallRequest()
     if hasattr(ua, "CallParameters"):
         request.Parameters.MethodsToCall = [method] * count
@@ -251,23 +285,26 @@ def _calls(count: int) -> tuple[Any, Any]:
 _REQUESTS = {"Read": _read, "Write": _write, "Browse": _browse, "Call": _calls}
 
 
-async def client(url: str, folder: Path, policy: str) -> None:
-    """Connects once, and anew for `Connect`."""
+async def connection(url: str, folder: Path, policy: str, *, named: bool) -> Any:
+    """A client that has not connected yet; with a user where it is `named`."""
     from asyncua.client.client import Client
 
     from ua_fleet.endpoint.certificates import ensure_application_certificate
 
     files = ensure_application_certificate(folder / "client", "urn:ua-fleet:client", ["127.0.0.1"])
+    made: Any = Client(url, timeout=60, watchdog_intervall=600)
+    made.application_uri = "urn:ua-fleet:client"
+    if policy != "None":
+        await made.set_security_string(f"{policy},SignAndEncrypt,{files.certificate},{files.private_key}")
+    if named:
+        made.set_user(USER)
+        made.set_password(PASSWORD)
+    return made
 
-    async def make(*, named: bool) -> Any:
-        made: Any = Client(url, timeout=60, watchdog_intervall=600)
-        made.application_uri = "urn:ua-fleet:client"
-        if policy != "None":
-            await made.set_security_string(f"{policy},SignAndEncrypt,{files.certificate},{files.private_key}")
-        if named:
-            made.set_user(USER)
-            made.set_password(PASSWORD)
-        return made
+
+async def client(url: str, folder: Path, policy: str) -> None:
+    """Connects once, and anew for `Connect`."""
+    make = partial(connection, url, folder, policy)
 
     asking: Asking | None = None
     async with contextlib.AsyncExitStack() as stack:
@@ -289,7 +326,12 @@ def main() -> None:
     logging.disable(logging.WARNING)
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     role, *arguments = sys.argv[1:]
-    if role == "client":
+    if role == "watchers":
+        from benchmarks._watchers import watchers
+
+        url, folder, policy = arguments
+        asyncio.run(watchers(partial(connection, url, Path(folder), policy)))
+    elif role == "client":
         url, folder, policy = arguments
         asyncio.run(client(url, Path(folder), policy))
     else:

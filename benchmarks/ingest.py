@@ -8,11 +8,13 @@ another value to every node, and is over when the client has all its notificatio
 from __future__ import annotations
 
 import contextlib
+import os
 import statistics
 import subprocess
 import sys
 import time
 from collections.abc import Generator
+from pathlib import Path
 
 from benchmarks._ingest import NODES, PUBLISHING_MS
 from benchmarks.harness import FEWEST_ROUNDS, Figure, interleaved, shown
@@ -27,10 +29,23 @@ REFERENCE = "stock asyncua write_value"
 class Process:
     """A child that answers each line with a line."""
 
-    def __init__(self, *arguments: object, module: str = "benchmarks._ingest") -> None:
-        command = [sys.executable, "-m", module, *map(str, arguments)]
+    def __init__(self, *arguments: object, module: str = "benchmarks._ingest", root: Path = system.ROOT) -> None:
+        """Start a module of ours, or the program whose file it is: a script of Node's.
+
+        Args:
+            arguments: of the program.
+            module: its name, or its path where it ends with `.cjs`.
+            root: of the clone that it is of.
+        """
+        program = ["node", module] if module.endswith(".cjs") else [sys.executable, "-m", module]
+        modules = system.ROOT / "tests" / "interop" / "node_modules"
         self._child = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=system.ROOT
+            [*program, *map(str, arguments)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=root,
+            env={**os.environ, "NODE_PATH": str(modules)},
         )
         self._name = str(arguments[0])
         assert self._line() == "ready"

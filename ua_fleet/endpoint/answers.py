@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from asyncua import ua
@@ -19,15 +19,15 @@ from asyncua import ua
 from ua_fleet.endpoint.binary.encoders import encode
 from ua_fleet.endpoint.stack import DECODE_ERRORS, StatusCodes, status
 
-__all__ = ["ArrayResponse", "Misfit", "encode_value", "rough_bytes"]
+__all__ = ["ArrayResponse", "EncodedResponse", "Misfit", "encode_value", "rough_bytes"]
 
 _COUNT: Final = struct.Struct("<I")
 _TIME_AND_HANDLE: Final = struct.Struct("<qI")
 """Timestamp and RequestHandle of a ResponseHeader."""
 _TYPE_ID_BYTES: Final = 4
 """Of the NodeId that a response begins with: all are in two bytes of the base namespace."""
-_BOTH_ARRAYS: Final = 8
-"""Bytes of two arrays without elements."""
+_HEAD_BYTES: Final = _TYPE_ID_BYTES + 24
+"""With a ResponseHeader that has no diagnostics, texts and AdditionalHeader."""
 _UNIX_EPOCH_TICKS: Final = 116_444_736_000_000_000
 """1970 in units of 100 ns since 1601 (OPC 10000-6 5.2.2.5)."""
 _NO_DIAGNOSTICS: Final = bytes(4)
@@ -41,7 +41,31 @@ Misfit = Callable[[str, Exception], None]
 """Told what of this server could not be encoded, and why: a mistake of ours."""
 
 
-class ArrayResponse:
+class EncodedResponse:
+    """A response whose parameters are bytes already.
+
+    Args:
+        kind: asyncua's class of the response.
+        parameters: what follows its ResponseHeader.
+    """
+
+    __slots__ = ("kind", "parameters")
+
+    def __init__(self, kind: Any, parameters: bytes = b"") -> None:
+        self.kind = kind
+        self.parameters = parameters
+
+    def encode(self, handle: int) -> bytes:
+        """The bytes of the response to the request with this handle, as of now."""
+        type_id, rest = _head(self.kind)
+        times = _TIME_AND_HANDLE.pack(time.time_ns() // 100 + _UNIX_EPOCH_TICKS, handle)
+        return b"".join((type_id, times, rest, *self._parts_of_parameters()))
+
+    def _parts_of_parameters(self) -> Sequence[bytes]:
+        return (self.parameters,)
+
+
+class ArrayResponse(EncodedResponse):
     """A response that ends in an array of results and one of DiagnosticInfos, as most do.
 
     Args:
@@ -49,10 +73,10 @@ class ArrayResponse:
         room: bytes that the results may have together.
     """
 
-    __slots__ = ("_parts", "_reasons", "kind", "left", "size")
+    __slots__ = ("_parts", "_reasons", "left", "size")
 
     def __init__(self, kind: Any, room: int) -> None:
-        self.kind = kind
+        super().__init__(kind)
         self.left = room
         """Bytes that are left for results; 0 after the first one that did not fit."""
         self.size = 0
@@ -102,19 +126,15 @@ class ArrayResponse:
         """Say the reason for the last result in its DiagnosticInfo; empty where there is none. For all, or for none."""
         self._reasons.append(reason)
 
-    def encode(self, handle: int) -> bytes:
-        """The bytes of the response to the request with this handle, as of now."""
-        type_id, rest = _around(self.kind)
-        head = _TIME_AND_HANDLE.pack(time.time_ns() // 100 + _UNIX_EPOCH_TICKS, handle)
-        parts = self._parts
-        return b"".join((type_id, head, rest, _COUNT.pack(len(parts)), *parts, _diagnostics(self._reasons)))
+    def _parts_of_parameters(self) -> Sequence[bytes]:
+        return (_COUNT.pack(len(self._parts)), *self._parts, _diagnostics(self._reasons))
 
 
 @functools.cache
-def _around(kind: Any) -> tuple[bytes, bytes]:
-    """What stands before and behind Timestamp and RequestHandle in a good response of a class, up to its results."""
+def _head(kind: Any) -> tuple[bytes, bytes]:
+    """What stands before and behind Timestamp and RequestHandle in the ResponseHeader of a good response of a class."""
     data = encode(kind())
-    return data[:_TYPE_ID_BYTES], data[_TYPE_ID_BYTES + _TIME_AND_HANDLE.size : -_BOTH_ARRAYS]
+    return data[:_TYPE_ID_BYTES], data[_TYPE_ID_BYTES + _TIME_AND_HANDLE.size : _HEAD_BYTES]
 
 
 def _diagnostics(reasons: list[str]) -> bytes:

@@ -9,6 +9,7 @@ how long, and how much a client may send.
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, NoReturn
@@ -22,12 +23,15 @@ from asyncua.ua.ua_binary import header_from_binary, uatcp_to_binary
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
 
-from ua_fleet.endpoint.answers import ArrayResponse
+from ua_fleet.endpoint.answers import EncodedResponse
 from ua_fleet.endpoint.audit_events import ChannelOpened
+from ua_fleet.endpoint.binary.builtin import encode_string
 from ua_fleet.endpoint.binary.encoders import encode
 from ua_fleet.endpoint.connection import FrameError
-from ua_fleet.endpoint.decoding import Hello, OpenRequest, check_open_header, decode_hello, decode_open
+from ua_fleet.endpoint.convert import ticks_of
+from ua_fleet.endpoint.decoding import Hello, OpenRequest, decode_hello, decode_open
 from ua_fleet.endpoint.limits import CHUNK_BYTES, MIN_CHUNK_BYTES, EndpointLimits
+from ua_fleet.endpoint.opening import OPENING, Opening, check_open_header
 from ua_fleet.endpoint.secure_connection import NONE_URI, CheckedConnection, Message, der
 from ua_fleet.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes, name_of, status
 from ua_fleet.endpoint.trust import (
@@ -40,15 +44,17 @@ from ua_fleet.errors import RemoteWireError
 __all__ = ["Channel"]
 
 # asyncua declares these as an enumeration and uses them as the bytes that they are.
-_HELLO: Final[Any] = ua.MessageType.Hello
-_ACKNOWLEDGE: Final[Any] = ua.MessageType.Acknowledge
+_HELLO: Final = b"HEL"
+_HELLO_AT: Final = 8
+"""Where the body of a Hello begins."""
+_ACKNOWLEDGE: Final = struct.Struct("<4sI5I")
+"""Message type and kind of chunk, size, ProtocolVersion, sizes of buffers, MaxMessageSize, MaxChunkCount."""
+_OPENED: Final = struct.Struct("<IIIqI")
+"""ServerProtocolVersion; ChannelId, TokenId, CreatedAt and RevisedLifetime of the token."""
 _ERROR: Final[Any] = ua.MessageType.Error
 _OPEN: Final[Any] = ua.MessageType.SecureOpen
 _CLOSE: Final[Any] = ua.MessageType.SecureClose
 _CHUNKS_BEFORE_AUTHENTICATION: Final = 16
-_MOST_ENCRYPTED: Final = 4_096
-"""Encrypted bytes of an OpenSecureChannel. Each 256 or 512 of them are one use of the server's private key; a client
-with the longest keys needs some 1,500."""
 _ABORTS_BEFORE_AUTHENTICATION: Final = 16
 
 
@@ -59,6 +65,14 @@ def _parameters(request: OpenRequest, lifetime_ms: int) -> Any:
     parameters.ClientNonce = request.nonce
     parameters.RequestedLifetime = lifetime_ms
     return parameters
+
+
+def _opened(result: Any) -> EncodedResponse:
+    """The response to an OpenSecureChannel (OPC 10000-4 5.6.2)."""
+    token, nonce = result.SecurityToken, result.ServerNonce
+    times = ticks_of(token.CreatedAt), int(token.RevisedLifetime)
+    head = _OPENED.pack(0, token.ChannelId, token.TokenId, *times)
+    return EncodedResponse(ua.OpenSecureChannelResponse, head + encode_string(nonce))
 
 
 class Channel:
@@ -173,18 +187,19 @@ class Channel:
             return taken
         buffer = Buffer(frame)
         try:
-            header: Any = header_from_binary(buffer)
-            if header.MessageType == _HELLO:
-                self._receive_hello(decode_hello(bytes(buffer)))
+            if frame.startswith(_HELLO):
+                self._receive_hello(decode_hello(frame[_HELLO_AT:]))
                 return None
+            if frame.startswith(OPENING) and self._hello and not self.is_open:
+                self._open(self._secure.take_opening(frame))
+                return None
+            header: Any = header_from_binary(buffer)
             if not self._hello or (header.MessageType != _OPEN and not self.is_open):
                 raise FrameError(StatusCodes.BadTcpMessageTypeInvalid, "a message before Hello or an open channel")
             if header.MessageType == _OPEN and header.ChunkType != ua.ChunkType.Single:
                 raise FrameError(StatusCodes.BadTcpMessageTypeInvalid, "an OpenSecureChannel in chunks")
             if header.MessageType == _OPEN:
-                uri, rest = check_open_header(bytes(buffer))
-                if uri != NONE_URI and rest > _MOST_ENCRYPTED:
-                    raise FrameError(StatusCodes.BadTcpMessageTooLarge, f"{rest} encrypted bytes to open a channel")
+                check_open_header(frame)
             message: Any = self._secure.receive_from_header_and_body(header, buffer)
             if self._secure.aborted > _ABORTS_BEFORE_AUTHENTICATION and not self._authenticated:
                 raise FrameError(StatusCodes.BadTcpNotEnoughResources, "too many aborted messages")
@@ -193,7 +208,14 @@ class Channel:
             if header.MessageType == _CLOSE:
                 self._close()
             if header.MessageType == _OPEN:
-                self._open(message)
+                algorithm: Any = message.SecurityHeader()
+                self._open(
+                    Opening(
+                        algorithm.SecurityPolicyURI or "",
+                        algorithm.SenderCertificate or b"",
+                        Message(int(message.SequenceHeader().RequestId), bytes(message.body())),
+                    )
+                )
                 return None
         except InvalidSignature as error:
             raise FrameError(StatusCodes.BadSecurityChecksFailed, "a wrong signature") from error
@@ -227,13 +249,10 @@ class Channel:
         self._transport_limits.max_recv_buffer = min(CHUNK_BYTES, hello.send_buffer)
         self.response_bytes = hello.max_message
         self._most_chunks = hello.max_chunks
-        acknowledge: Any = ua.Acknowledge()
-        acknowledge.ProtocolVersion = 0
-        acknowledge.ReceiveBufferSize = self._transport_limits.max_recv_buffer
-        acknowledge.SendBufferSize = self._transport_limits.max_send_buffer
-        acknowledge.MaxMessageSize = self._limits.message_bytes
-        acknowledge.MaxChunkCount = self._limits.message_bytes // MIN_CHUNK_BYTES + 1
-        self.output.append(uatcp_to_binary(_ACKNOWLEDGE, acknowledge))
+        receive, send = self._transport_limits.max_recv_buffer, self._transport_limits.max_send_buffer
+        most = self._limits.message_bytes
+        answer = _ACKNOWLEDGE.pack(b"ACKF", _ACKNOWLEDGE.size, 0, receive, send, most, most // MIN_CHUNK_BYTES + 1)
+        self.output.append(answer)
 
     def _look(self, uri: str, chain: list[x509.Certificate]) -> None:
         """Raise CertificateRefused before the server's private key is used for a stranger's message."""
@@ -243,25 +262,24 @@ class Channel:
         self._asked = ChannelOpened(0, certificate, renewal=False, policy_uri=uri, mode=0, lifetime_ms=0.0)
         self._trust.check(chain)
 
-    def _open(self, message: Any) -> None:
+    def _open(self, opening: Opening) -> None:
         """Issue or renew the channel's token, for a certificate that is trusted."""
-        algorithm = message.SecurityHeader()
-        request = decode_open(bytes(message.body()))
+        request = decode_open(opening.message.body)
         mode = ua.MessageSecurityMode(request.mode)
         self._asked = ChannelOpened(
             self.channel_id,
-            (algorithm.SenderCertificate or b"")[:MAX_CHAIN_BYTES],
+            opening.certificate[:MAX_CHAIN_BYTES],
             request.renewal,
-            (algorithm.SecurityPolicyURI or "")[:255],
+            opening.policy_uri[:255],
             request.mode,
             float(request.lifetime_ms),
         )
         if request.renewal != self.is_open:
             raise FrameError(StatusCodes.BadRequestTypeInvalid, "a channel is issued once, then renewed")
         if request.renewal:
-            self._check_renewal(algorithm, mode)
+            self._check_renewal(opening, mode)
         else:
-            self._secure.select_policy(algorithm.SecurityPolicyURI, algorithm.SenderCertificate, mode)
+            self._secure.select_policy(opening.policy_uri, opening.certificate, mode)
         if self._secure.security_policy.URI != NONE_URI:
             if (
                 len(request.nonce) != self._secure.security_policy.secure_channel_nonce_length
@@ -274,29 +292,26 @@ class Channel:
         lifetime = min(max(request.lifetime_ms / 1000, least), most)
         # Messages under the old token are good for a quarter of its lifetime more (OPC 10000-4 5.5.2.1).
         self.expires_at = time.monotonic() + lifetime * 1.25
-        response = ua.OpenSecureChannelResponse()
-        response.Parameters = self._secure.open(_parameters(request, int(lifetime * 1000)), self._iserver)
+        opened = self._secure.open(_parameters(request, int(lifetime * 1000)), self._iserver)
         if self._most_chunks:
             # How much a chunk holds depends on the policy.
             in_chunks = self._secure.most_bytes(self._most_chunks)
             self.response_bytes = min(self.response_bytes or in_chunks, in_chunks)
-        response.ResponseHeader.RequestHandle = request.head.handle  # pyright: ignore[reportAttributeAccessIssue]
-        request_id = message.SequenceHeader().RequestId
-        data = encode(response)
-        self.output.append(self._secure.message_to_binary(data, message_type=_OPEN, request_id=request_id))
+        data = _opened(opened).encode(request.head.handle)
+        self.output.append(self._secure.seal_opening(data, opening.message.request_id))
 
-    def _check_renewal(self, algorithm: Any, mode: ua.MessageSecurityMode) -> None:
+    def _check_renewal(self, opening: Opening, mode: ua.MessageSecurityMode) -> None:
         policy = self._secure.security_policy
-        if algorithm.SecurityPolicyURI != policy.URI or mode != policy.Mode:
+        if opening.policy_uri != policy.URI or mode != policy.Mode:
             raise FrameError(StatusCodes.BadSecurityPolicyRejected, "a renewal with another policy")
         if self.secured:
-            chain = split_chain(algorithm.SenderCertificate or b"")
+            chain = split_chain(opening.certificate)
             if der(chain[0]) != self.client_certificate:
                 raise FrameError(StatusCodes.BadSecurityChecksFailed, "a renewal with another certificate")
 
     def encode(self, response: Any, handle: int) -> bytes:
         """The bytes of a response; raises OverflowError when it is longer than the client takes."""
-        if isinstance(response, ArrayResponse):
+        if isinstance(response, EncodedResponse):
             data = response.encode(handle)
         else:
             response.ResponseHeader.RequestHandle = handle

@@ -68,7 +68,10 @@ class TcpConnection(asyncio.BufferedProtocol):
     ) -> None:
         self._buffer = memoryview(bytearray(CHUNK_BYTES))
         self._start = self._end = 0
-        self._arrived = asyncio.Event()
+        self._arrival: asyncio.Future[None] | None = None
+        """What `_serve` waits for, while it waits for a frame."""
+        self._awaited = 0
+        """Bytes of that frame, as far as they are known."""
         self._writable = asyncio.Event()
         self._writable.set()
         self._accept, self._make_handler, self._started = accept, make_handler, started
@@ -127,18 +130,25 @@ class TcpConnection(asyncio.BufferedProtocol):
         if self._end - self._start == CHUNK_BYTES and self._transport is not None:
             self._transport.pause_reading()
             self._reading = False
-        self._arrived.set()
+            self._wake()
+        elif self._end - self._start >= self._awaited:
+            self._wake()
+
+    def _wake(self) -> None:
+        """Have `_serve` look at what there is now."""
+        if self._arrival is not None and not self._arrival.done():
+            self._arrival.set_result(None)
 
     def eof_received(self) -> bool:
         """The client has sent all it will send."""
         self._over = True
-        self._arrived.set()
+        self._wake()
         return False
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The socket is closed; what waits for it wakes up."""
         self._over = True
-        self._arrived.set()
+        self._wake()
         self._writable.set()
 
     def pause_writing(self) -> None:
@@ -163,7 +173,7 @@ class TcpConnection(asyncio.BufferedProtocol):
     def close(self) -> None:
         """Close after what has been sent; nothing more is read."""
         self._over = True
-        self._arrived.set()
+        self._wake()
         if self._transport is not None:
             self._transport.close()
 
@@ -196,8 +206,10 @@ class TcpConnection(asyncio.BufferedProtocol):
             size = self._announced(handler.room())
             if size and self._end - self._start >= size:
                 return self._take(size)
-            self._arrived.clear()
-            await self._arrived.wait()
+            # One that comes in pieces is looked at when it has begun, and when all of it is here.
+            self._awaited = size or _HEADER
+            self._arrival = asyncio.get_running_loop().create_future()
+            await self._arrival
         return None
 
     def _announced(self, room: int) -> int:

@@ -28,7 +28,6 @@ __all__ = [
     "Hello",
     "OpenRequest",
     "RequestHead",
-    "check_open_header",
     "decode_hello",
     "decode_open",
     "decode_operation",
@@ -44,9 +43,6 @@ OPERATIONS_BEFORE_SESSION: Final = 100
 """Elements of an array of such a request, e.g. LocaleIds."""
 _SHARE: Final = 4
 """Part of the memory for a request that structures and texts of one operation may take: 16 MB are built in 0.1 s."""
-_MOST_URI: Final = 255
-"""Longest SecurityPolicyUri (OPC 10000-6 6.7.2.3)."""
-_MOST_THUMBPRINT: Final = 20
 MOST_ENTRY: Final = 200
 """Of an AuditEntryId no more is kept."""
 _HELLO: Final = struct.Struct("<5I")
@@ -101,20 +97,6 @@ def decode_hello(data: bytes) -> Hello:
     _, receive_buffer, send_buffer, max_message, max_chunks = cursor.unpack(_HELLO)
     decode_string(cursor)
     return Hello(receive_buffer, send_buffer, max_message, max_chunks)
-
-
-def check_open_header(data: bytes) -> tuple[str, int]:
-    """SecurityPolicyUri of an asymmetric security header (OPC 10000-6 6.7.2.3), and how many bytes follow it.
-
-    Raises RemoteWireError or Refusal for what is no such header.
-    """
-    cursor = Cursor(data)
-    uri = decode_string(cursor)
-    decode_byte_string(cursor)
-    thumbprint = decode_byte_string(cursor)
-    if len(uri or "") > _MOST_URI or len(thumbprint or b"") > _MOST_THUMBPRINT:
-        raise Refusal(StatusCodes.BadDecodingError, "a security header that is too long")
-    return uri or "", len(data) - cursor.position
 
 
 def decode_open(data: bytes) -> OpenRequest:

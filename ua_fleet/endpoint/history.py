@@ -7,16 +7,16 @@ What is read is computed where the store is, outside of the event loop, and come
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
 from typing import Any, Final, NamedTuple, TypeVar
 
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
-from asyncua.ua.ua_binary import struct_to_binary
 
 from ua_fleet.endpoint.answers import ArrayResponse
 from ua_fleet.endpoint.attributes import access_level
+from ua_fleet.endpoint.binary.encoders import NO_OBJECT
 from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.convert import ticks_of
 from ua_fleet.endpoint.event_history import HISTORY_EVENT, EventHistory, EventRequest
@@ -24,7 +24,7 @@ from ua_fleet.endpoint.history_source import MOST_RETURNED, HistorySource
 from ua_fleet.endpoint.live import check_reader
 from ua_fleet.endpoint.node_builder import HISTORY_READ
 from ua_fleet.endpoint.request import ServiceRequest, operations
-from ua_fleet.endpoint.stack import AttributeIds, Refusal, StatusCodes, shown, status
+from ua_fleet.endpoint.stack import AttributeIds, Refusal, StatusCodes, shown
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.history.aggregates import Aggregate
 from ua_fleet.history.at_times import read_at_times
@@ -36,7 +36,7 @@ from ua_fleet.history.rows import LATEST, Series
 from ua_fleet.history.store import node_text
 from ua_fleet.values import NodeId
 
-__all__ = ["HistoryServices"]
+__all__ = ["HistoryServices", "refused"]
 
 MOST_TIMES: Final = 1_000
 """Of one ReadAtTime: it has no continuation point, since that would have to hold them."""
@@ -46,6 +46,8 @@ _DATA_TYPE: Final = b"\x01\x00" + HISTORY_DATA.to_bytes(2, "little") + b"\x01"
 _EVENT_TYPE: Final = b"\x01\x00" + HISTORY_EVENT.to_bytes(2, "little") + b"\x01"
 _OTHER_EVENTS: Final = (ua.ReadEventDetails2, ua.ReadEventDetailsSorted)
 """ReadEvent as it was in 1.04 is what there is."""
+_NOTHING: Final = b"\xff\xff\xff\xff" + NO_OBJECT
+"""No ContinuationPoint, and no HistoryData."""
 _Said = TypeVar("_Said")
 
 
@@ -82,6 +84,23 @@ class HistoryServices:
         """HistoryRead of nodes that have and show a history."""
         nodes = operations(params.NodesToRead, self._limits.nodes_per_request)
         details, wanted = params.HistoryReadDetails, params.TimestampsToReturn
+        return await self.read(request, details, wanted, nodes, releases=bool(params.ReleaseContinuationPoints))
+
+    async def read(
+        self, request: ServiceRequest, details: Any, wanted: Any, nodes: Sequence[Any], *, releases: bool
+    ) -> ArrayResponse:
+        """HistoryRead.
+
+        Args:
+            request: whose it is.
+            details: HistoryReadDetails.
+            wanted: TimestampsToReturn, or the number of none.
+            nodes: HistoryReadValueIds.
+            releases: whether continuation points are given back, and nothing is read.
+
+        Raises:
+            Refusal: it is refused as a whole, or not to go on.
+        """
         of_events = isinstance(details, ua.ReadEventDetails) and not isinstance(details, _OTHER_EVENTS)
         known = isinstance(wanted, ua.TimestampsToReturn)
         if not of_events and (not known or wanted in (ua.TimestampsToReturn.Invalid, ua.TimestampsToReturn.Neither)):
@@ -90,8 +109,8 @@ class HistoryServices:
         answer = ArrayResponse(ua.HistoryReadResponse, whole)
         events = self._events.request(request.user, details) if of_events else None
         for number, node in enumerate(nodes):
-            if params.ReleaseContinuationPoints:
-                answer.add_small(_refused(0))  # nothing is kept for them
+            if releases:
+                answer.add_small(refused(0))  # nothing is kept for them
                 continue
             code = 0
             try:
@@ -108,7 +127,7 @@ class HistoryServices:
                 self._context.mistakes.caught("history", error, node=shown(node.NodeId))
                 code = StatusCodes.BadInternalError
             if code:
-                answer.add_small(_refused(code))
+                answer.add_small(refused(code))
             await request.turns.end(answer.size)
         return answer
 
@@ -276,9 +295,9 @@ def _number(identifier: Any) -> int:
     return int(identifier) if isinstance(identifier, int) else -1
 
 
-def _refused(code: int) -> bytes:
-    data: bytes = struct_to_binary(ua.HistoryReadResult(StatusCode=status(code)))
-    return data
+def refused(code: int) -> bytes:
+    """A HistoryReadResult of a StatusCode alone."""
+    return code.to_bytes(4, "little") + _NOTHING
 
 
 def _result(data: _Data, data_type: bytes = _DATA_TYPE) -> bytes:

@@ -38,6 +38,14 @@ _OVERFLOW: Final = 0x0480
 """InfoType DataValue and the Overflow bit of a StatusCode (OPC 10000-4 7.39.1)."""
 
 
+_NUMBERS: Final = (float, int)
+_TEXTS: Final = (str, bytes)
+_LISTS: Final = (list, tuple)
+_DISABLED: Final = ua.MonitoringMode.Disabled
+_REPORTING: Final = ua.MonitoringMode.Reporting
+_STATUS_ALONE: Final = ua.DataChangeTrigger.Status
+_WITH_TIME: Final = ua.DataChangeTrigger.StatusValueTimestamp
+# Found once: each change of each item asks for them.
 _ENTRY_BYTES: Final = 320
 """Of a notification of an empty value: the objects of asyncua that hold it."""
 _FIELD_BYTES: Final = 150
@@ -51,9 +59,9 @@ def weight(notification: Any) -> int:
     if isinstance(notification, ua.DataValue):
         variant = notification.Value
         content: Any = variant.Value if variant is not None else None
-        if content is None or isinstance(content, int | float):
+        if content is None or isinstance(content, _NUMBERS):
             return _ENTRY_BYTES
-        if isinstance(content, str | bytes):
+        if isinstance(content, _TEXTS):
             return _ENTRY_BYTES + len(content)
         return _ENTRY_BYTES + _content_bytes(_ByIdentity(content))
     return _ENTRY_BYTES + sum([_FIELD_BYTES + content_bytes(field.Value) for field in notification.EventFields])
@@ -124,17 +132,23 @@ class Item(ABC):
         """Queue a notification; a full queue loses its oldest, or keeps it and loses the newest before this one."""
         queue, account = self.queue, self.owner.account
         is_lost = self.is_owed
+        size = weight(notification)
         if len(queue) >= self.queue_size:
-            account.release(weight(queue.pop(0 if self.discard_oldest else -1)))
+            lost = weight(queue.pop(0 if self.discard_oldest else -1))
+            if lost != size or self not in account.items:
+                account.release(lost)
+            else:
+                size = 0  # as much as it takes, and the item is among those that wait
             is_lost = True
             self.owner.overflown(self)
-        elif not queue and not is_lost and self.mode is ua.MonitoringMode.Reporting:
+        elif not queue and not is_lost and self.mode is _REPORTING:
             self.owner.pending(self)
         self.is_owed = False
         queue.append(notification)
         if is_lost:
             self._lost_beside = 0 if self.discard_oldest else len(queue) - 1
-        account.hold(self, weight(notification))
+        if size:
+            account.hold(self, size)
         if self.links:
             self.owner.fired(self)
 
@@ -268,7 +282,7 @@ class DataItem(Item):
 
     def changed(self, handle: int, value: ua.DataValue | None, error: ua.StatusCode | None = None) -> Done:
         """Asyncua's callback for each write to the node; with an error the node has been deleted."""
-        if self.mode is ua.MonitoringMode.Disabled:
+        if self.mode is _DISABLED:
             return DONE
         if value is None:
             value = ua.DataValue(StatusCode=error)
@@ -338,9 +352,9 @@ class DataItem(Item):
         old_status, new_status = old.StatusCode, new.StatusCode
         if old_status is not new_status and _code(old_status) != _code(new_status):
             return True
-        if self.trigger is ua.DataChangeTrigger.Status:
+        if self.trigger is _STATUS_ALONE:
             return False
-        if self.trigger is ua.DataChangeTrigger.StatusValueTimestamp and (
+        if self.trigger is _WITH_TIME and (
             old.SourceTimestamp != new.SourceTimestamp or old.SourcePicoseconds != new.SourcePicoseconds
         ):
             return True
@@ -355,7 +369,7 @@ class DataItem(Item):
         later: Any = now.Value
         if earlier is None or later is None:
             return not (_is_empty(earlier) and _is_empty(later))
-        if not isinstance(later, list | tuple):
+        if not isinstance(later, _LISTS):
             if earlier == later or (earlier != earlier and later != later):  # a NaN is told once
                 return False
             return not (self.deadband and _step(earlier, later) <= self.deadband)
@@ -371,7 +385,7 @@ class DataItem(Item):
 
     def tell_again(self) -> None:
         """Tell the value as it is now, whether it changed or not."""
-        if self.mode is ua.MonitoringMode.Disabled:
+        if self.mode is _DISABLED:
             return
         self.last = self._held = None
         self.due = time.monotonic() + self.interval_s
@@ -401,7 +415,7 @@ class EventItem(Item):
 
     def happened(self, event: Any) -> None:
         """An event of the node; it is queued if it passes the filter."""
-        if self.mode is ua.MonitoringMode.Disabled or not self.filter.passes(event):
+        if self.mode is _DISABLED or not self.filter.passes(event):
             return
         fields = [field.of(event) for field in self.filter.select]
         self.put(ua.EventFieldList(self.client_handle, fields))  # pyright: ignore[reportArgumentType]

@@ -38,7 +38,7 @@ from ua_fleet.endpoint.decoding import (
     decode_request_head,
 )
 from ua_fleet.endpoint.own_time import own_time
-from ua_fleet.endpoint.request import ServiceRequest
+from ua_fleet.endpoint.request import ANSWERED_LATER, ServiceRequest
 from ua_fleet.endpoint.secure_connection import Message
 from ua_fleet.endpoint.services import Services, encoding
 from ua_fleet.endpoint.sessions import Session
@@ -470,7 +470,7 @@ class Processor:
         if service.plan is not None:
             response = await service.plan(request, data, body.cur_pos)
             if response is not None:
-                return response
+                return None if response is ANSWERED_LATER else response
         limits = self._context.limits
         parameters = await decode_parameters(
             service.parameters,

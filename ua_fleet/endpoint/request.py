@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from ua_fleet.endpoint.audit import Caller
 from ua_fleet.endpoint.audit_events import Who
@@ -12,7 +12,11 @@ from ua_fleet.endpoint.stack import Refusal, StatusCodes
 from ua_fleet.endpoint.turns import Turns
 from ua_fleet.endpoint.users import User
 
-__all__ = ["ServiceRequest", "operations"]
+__all__ = ["ANSWERED_LATER", "ServiceRequest", "operations"]
+
+
+ANSWERED_LATER: Final = object()
+"""What a plan gives for a response that comes later, or has been sent already."""
 
 
 class ServiceRequest(NamedTuple):

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from asyncua import ua
 from asyncua.common.connection import SecureConnection, TransportLimits
@@ -30,12 +30,12 @@ from ua_fleet.endpoint.chunks import (
     seal_chunk,
 )
 from ua_fleet.endpoint.connection import FrameError
+from ua_fleet.endpoint.opening import NONE_URI, Message, Opening, check_open_header, open_opening, seal_opening
 from ua_fleet.endpoint.stack import StatusCodes
 from ua_fleet.endpoint.trust import MAX_KEY_BITS, MIN_KEY_BITS, CertificateRefused, split_chain
 
 __all__ = ["NONE_URI", "CheckedConnection", "Message", "der"]
 
-NONE_URI: Final = SecurityPolicyNone.URI
 _NO_SECURITY: Final[Any] = SecurityPolicyNone
 _TAKEN: Final = (LAST, b"CLOF")
 """Messages, and CloseSecureChannel, of one chunk."""
@@ -46,13 +46,6 @@ _MOST_RENEWED: Final = 4
 def der(certificate: x509.Certificate) -> bytes:
     """A certificate as bytes."""
     return certificate.public_bytes(Encoding.DER)
-
-
-class Message(NamedTuple):
-    """A whole message of a client."""
-
-    request_id: int
-    body: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +138,31 @@ class CheckedConnection(SecureConnection):
         self._peer_sequence_number = sequence
         return Message(request_id, body)
 
+    def take_opening(self, frame: bytes) -> Opening:
+        """The first OpenSecureChannel message; raises what `open_opening` and `check_open_header` raise, and more.
+
+        Raises:
+            FrameError: no policy of this server, or a message that is too long.
+            CertificateRefused: the client's certificate is not accepted; our private key has not been used then.
+        """
+        uri, certificate, start = check_open_header(frame)
+        self.select_policy(uri, certificate)
+        sequence, message = open_opening(frame, start, self.security_policy)
+        if len(frame) > self._limits.max_recv_buffer or not self._limits.is_msg_size_within_limit(len(message.body)):
+            raise FrameError(StatusCodes.BadRequestTooLarge, f"{len(frame)} bytes to open a channel")
+        self._peer_sequence_number = sequence
+        return Opening(uri, certificate or b"", message)
+
+    def seal_opening(self, data: bytes, request_id: int) -> bytes:
+        """The message of an encoded response to an OpenSecureChannel."""
+        token: Any = self.security_token
+        return seal_opening(data, token.ChannelId, self._next_sequence(request_id), self.security_policy)
+
+    def _next_sequence(self, request_id: int) -> bytes:
+        """The SequenceHeader of our next chunk."""
+        self._sequence_number = self._sequence_number % 0xFFFF_FFFF + 1
+        return SEQUENCE.pack(self._sequence_number, request_id)
+
     def _opening_keys(self, crypto: Any) -> ChunkKeys:
         if type(crypto) is CryptographyNone:
             return NO_KEYS
@@ -207,7 +225,7 @@ class CheckedConnection(SecureConnection):
             self.chain = chain
             self._look(uri, chain)
         self.chain = chain
-        self.security_policy = matching.create(der(chain[0]))
+        self.security_policy = matching.create(chain[0])
         self._looked = matching, peer_certificate
 
     def chunks(self, data: bytes, request_id: int) -> Iterator[bytes]:
@@ -224,8 +242,7 @@ class CheckedConnection(SecureConnection):
 
     def _sealed(self, kind: bytes, part: bytes, request_id: int) -> bytes:
         token: Any = self.security_token
-        self._sequence_number = self._sequence_number % 0xFFFF_FFFF + 1
-        sequence = SEQUENCE.pack(self._sequence_number, request_id)
+        sequence = self._next_sequence(request_id)
         return seal_chunk(kind, token.ChannelId, token.TokenId, sequence, part, self._sealing_keys())
 
     @property

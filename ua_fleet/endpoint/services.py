@@ -14,6 +14,8 @@ from ua_fleet.endpoint.attributes import AttributeServices
 from ua_fleet.endpoint.audit_events import AuditEvents
 from ua_fleet.endpoint.binary.browse import BrowsePlan
 from ua_fleet.endpoint.binary.call import CallPlan
+from ua_fleet.endpoint.binary.history_read import HistoryReadPlan
+from ua_fleet.endpoint.binary.monitored_items import CreateMonitoredItemsPlan, PublishPlan
 from ua_fleet.endpoint.binary.read import ReadPlan
 from ua_fleet.endpoint.binary.write import WritePlan
 from ua_fleet.endpoint.context import EndpointContext
@@ -59,19 +61,22 @@ class Services:
         attributes, writes = AttributeServices(context), WriteServices(context, events)
         self.methods = methods = MethodServices(context, events)
         views = ViewServices(context)
-        plans = {
+        subs, history = SubscriptionServices(context, subscriptions), HistoryServices(context)
+        plans: dict[str, Callable[[ServiceRequest, bytes, int], Awaitable[Any]]] = {
             "Read": ReadPlan(context, attributes.read_one, attributes.is_readable).serve,
             "Write": WritePlan(context, writes).serve,
             "Call": CallPlan(context, methods).serve,
             "Browse": BrowsePlan(context, views).serve,
+            "HistoryRead": HistoryReadPlan(context, history).serve,
+            "CreateMonitoredItems": CreateMonitoredItemsPlan(context, subs).serve,
+            "Publish": PublishPlan(context, subs).serve,
         }
-        subs = SubscriptionServices(context, subscriptions)
         self.table: dict[int, Service] = {
             encoding(name): Service(parameters, handle, plans.get(name))
             for name, parameters, handle in (
                 ("Read", ua.ReadParameters, attributes.read),
                 ("Write", ua.WriteParameters, writes.write),
-                ("HistoryRead", ua.HistoryReadParameters, HistoryServices(context).history_read),
+                ("HistoryRead", ua.HistoryReadParameters, history.history_read),
                 ("Browse", ua.BrowseParameters, views.browse),
                 ("BrowseNext", ua.BrowseNextParameters, views.browse_next),
                 (

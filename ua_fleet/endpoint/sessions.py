@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 from asyncua import ua
 
 from ua_fleet.endpoint.audit import Caller
+from ua_fleet.endpoint.notifications import publish_response
 from ua_fleet.endpoint.places import Holder, holder_of, standing_of
 from ua_fleet.endpoint.stack import Refusal, StatusCodes, guid_id, opaque_id, status
 from ua_fleet.endpoint.usage import SessionUsage
@@ -77,7 +78,8 @@ class PublishRequest:
     handle: int
     request_id: int
     expires_at: float
-    results: list[ua.StatusCode]
+    results: bytes
+    """Of its acknowledgements, encoded."""
 
 
 @dataclass(slots=True, eq=False)
@@ -110,7 +112,9 @@ class Session:
     late: OrderedDict[int, None] = field(default_factory=OrderedDict)
     """Ids of subscriptions that have something to send and no request to send it with."""
     requests: deque[PublishRequest] = field(default_factory=deque)
-    farewells: deque[tuple[int, Any]] = field(default_factory=lambda: deque[tuple[int, Any]](maxlen=_MOST_FAREWELLS))
+    farewells: deque[tuple[int, bytes]] = field(
+        default_factory=lambda: deque[tuple[int, bytes]](maxlen=_MOST_FAREWELLS)
+    )
     """Last messages of subscriptions that it has no more, with their ids; each goes with the next Publish request."""
     continuations: OrderedDict[bytes, list[Any]] = field(default_factory=OrderedDict)
     calls_aside: int = 0
@@ -211,23 +215,18 @@ class Session:
         self.late[subscription_id] = None
         return None
 
-    def say_farewell(self, subscription_id: int, message: Any) -> None:
-        """Send the last message of a subscription, now if a Publish request waits."""
+    def say_farewell(self, subscription_id: int, message: bytes) -> None:
+        """Send the last message of a subscription, encoded: now if a Publish request waits."""
         if not self.has_request:
             self.farewells.append((subscription_id, message))
             return
         request = self.requests.popleft()
         self.answer_with_farewell(request, subscription_id, message)
 
-    def answer_with_farewell(self, request: PublishRequest, subscription_id: int, message: Any) -> None:
+    def answer_with_farewell(self, request: PublishRequest, subscription_id: int, message: bytes) -> None:
         """Answer a Publish request with the last message of a subscription."""
-        result: Any = ua.PublishResult()
-        result.SubscriptionId = subscription_id
-        result.NotificationMessage = message
-        result.Results = request.results
-        response = ua.PublishResponse()
-        response.Parameters = result
         if self.link is not None:
+            response = publish_response(subscription_id, message, request.results)
             self.link.respond(response, request.handle, request.request_id)
 
     def refuse_requests(self, code: int) -> None:

@@ -5,12 +5,16 @@
 
 from __future__ import annotations
 
+import struct
 import time
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from asyncua import ua
 
+from ua_fleet.endpoint.answers import ArrayResponse, EncodedResponse
 from ua_fleet.endpoint.attributes import readable_value
+from ua_fleet.endpoint.binary.encoders import NO_OBJECT, encode_extension_object
 from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.event_fields import EventFields
 from ua_fleet.endpoint.filters import (
@@ -23,18 +27,21 @@ from ua_fleet.endpoint.filters import (
 from ua_fleet.endpoint.indexrange import parse_range
 from ua_fleet.endpoint.live import check_reader
 from ua_fleet.endpoint.monitoring import DataItem, EventItem
+from ua_fleet.endpoint.notifications import encode_codes
 from ua_fleet.endpoint.request import ServiceRequest, operations
 from ua_fleet.endpoint.sessions import PublishRequest
 from ua_fleet.endpoint.stack import GOOD, AttributeIds, Refusal, StatusCodes, status
 from ua_fleet.endpoint.subscriptions import ClientSubscription, SubscriptionRegistry
 
-__all__ = ["SubscriptionServices"]
+__all__ = ["SubscriptionServices", "encode_item_result"]
 
 _SPARE_REQUESTS: Final = 10
 """Publish requests that a session may queue beyond one for each of its subscriptions."""
 _NO_HANDLE: Final = 0xFFFFFFFF
 """ClientHandle of a ModifyMonitoredItems of node-opcua's client, which leaves the item's as it is."""
 _LONGEST_WAIT_S: Final = 3_600.0
+_ITEM_RESULT: Final = struct.Struct("<IIdI")
+"""StatusCode, MonitoredItemId, RevisedSamplingInterval, RevisedQueueSize."""
 
 
 class SubscriptionServices:
@@ -130,22 +137,21 @@ class SubscriptionServices:
 
     async def publish(self, request: ServiceRequest, params: ua.PublishParameters) -> None:
         """Publish: answered at once if a subscription is late, otherwise when there is something to tell."""
+        given = params.SubscriptionAcknowledgements or []
+        self.take_publish(request, [(each.SubscriptionId, each.SequenceNumber) for each in given])
+
+    def take_publish(self, request: ServiceRequest, acknowledged: Iterable[tuple[int, int]]) -> None:
+        """Publish, with the subscription and sequence number of each message that the client has."""
         session = request.session
         if not session.subscriptions and not session.farewells:
             raise Refusal(StatusCodes.BadNoSubscription)
-        acknowledgements = params.SubscriptionAcknowledgements or []
-        if len(acknowledgements) > self._limits.nodes_per_request:
-            raise Refusal(StatusCodes.BadTooManyOperations)
-        results: list[ua.StatusCode] = []
-        for acknowledgement in acknowledgements:
-            own = session.subscriptions.get(acknowledgement.SubscriptionId)
-            if own is None:
-                results.append(status(StatusCodes.BadSubscriptionIdInvalid))
-            else:
-                results.append(own.acknowledge(acknowledgement.SequenceNumber))
+        results: list[int] = []
+        for subscription_id, sequence in acknowledged:
+            own = session.subscriptions.get(subscription_id)
+            results.append(StatusCodes.BadSubscriptionIdInvalid if own is None else own.acknowledge(sequence))
         session.drop_expired_requests()
-        wait = request.timeout_s or _LONGEST_WAIT_S
-        waiting = PublishRequest(request.handle, request.request_id, time.monotonic() + wait, results)
+        expires_at = time.monotonic() + (request.timeout_s or _LONGEST_WAIT_S)
+        waiting = PublishRequest(request.handle, request.request_id, expires_at, encode_codes(results))
         if session.farewells:
             session.answer_with_farewell(waiting, *session.farewells.popleft())
             return
@@ -168,9 +174,7 @@ class SubscriptionServices:
         if message is None:
             raise Refusal(StatusCodes.BadMessageNotAvailable)
         subscription.usage.republished += 1
-        response = ua.RepublishResponse()
-        response.NotificationMessage = message
-        return response
+        return EncodedResponse(ua.RepublishResponse, message)
 
     async def transfer_subscriptions(self, request: ServiceRequest, params: ua.TransferSubscriptionsParameters) -> Any:
         """TransferSubscriptions: only those of the same user, with the same client certificate."""
@@ -223,23 +227,30 @@ class SubscriptionServices:
 
     async def create_monitored_items(self, request: ServiceRequest, params: ua.CreateMonitoredItemsParameters) -> Any:
         """CreateMonitoredItems."""
-        subscription = self._own(request, params.SubscriptionId)
-        timestamps = _timestamps(params.TimestampsToReturn)
-        response = ua.CreateMonitoredItemsResponse()
+        return await self.create_items(
+            request, int(params.SubscriptionId), params.TimestampsToReturn, params.ItemsToCreate
+        )
+
+    async def create_items(
+        self, request: ServiceRequest, subscription_id: int, wanted_times: int, items: Sequence[Any]
+    ) -> ArrayResponse:
+        """CreateMonitoredItems of MonitoredItemCreateRequests."""
+        subscription = self._own(request, subscription_id)
+        timestamps = _timestamps(wanted_times)
+        answer = ArrayResponse(ua.CreateMonitoredItemsResponse, self._limits.response_bytes)
         left = self._items_left(subscription)
-        for item in operations(params.ItemsToCreate, self._limits.nodes_per_request):
+        for item in operations(items, self._limits.nodes_per_request):
             try:
                 if left <= 0:
                     raise Refusal(StatusCodes.BadTooManyMonitoredItems)
-                result = self._create_item(request, subscription, item, timestamps)
+                answer.add_small(self._create_item(request, subscription, item, timestamps))
                 left -= 1
             except Refusal as error:
-                result = ua.MonitoredItemCreateResult(status(error.ua_status))
-                _tell_filter(result, error)
-            response.Results.append(result)
+                found = error.result if isinstance(error, FilterRefused) else None
+                answer.add_small(encode_item_result(error.ua_status, filter_result=found))
             if await self._end_turn(request, subscription):
                 left = self._items_left(subscription)  # another session of the user may have had its turn
-        return response
+        return answer
 
     def _items_left(self, subscription: ClientSubscription) -> int:
         """Monitored items that the subscription's user may still have."""
@@ -251,7 +262,8 @@ class SubscriptionServices:
         subscription: ClientSubscription,
         wanted: ua.MonitoredItemCreateRequest,
         timestamps: ua.TimestampsToReturn,
-    ) -> Any:
+    ) -> bytes:
+        """Make an item; its encoded MonitoredItemCreateResult."""
         if len(subscription.items) >= self._limits.monitored_items_per_subscription:
             raise Refusal(StatusCodes.BadTooManyMonitoredItems)
         target, parameters = wanted.ItemToMonitor, wanted.RequestedParameters
@@ -261,7 +273,6 @@ class SubscriptionServices:
             raise Refusal(StatusCodes.BadNodeIdUnknown)
         if self._subscriptions.items_on(target.NodeId, subscription.holder) >= self._limits.items_per_node_and_user:
             raise Refusal(StatusCodes.BadTooManyMonitoredItems, "too many items of one user on one node")
-        result: Any = ua.MonitoredItemCreateResult()
         if target.AttributeId == AttributeIds.EventNotifier:
             notifier = self._aspace.read_attribute_value(target.NodeId, AttributeIds.EventNotifier)
             bits = notifier.Value.Value if notifier.Value is not None else None
@@ -274,37 +285,31 @@ class SubscriptionServices:
             size = self._event_queue_size(parameters.QueueSize)
             events = EventItem(subscription, subscription.items.next_id(), wanted, size, event_filter)
             subscription.items.add_events(events)
-            result.MonitoredItemId = events.id
-            if event_filter.result is not None:
-                result.FilterResult = event_filter.result
-        else:
-            check_reader(self._aspace, target.NodeId, target.AttributeId, request.user, encrypted=request.encrypted)
-            value = readable_value(self._aspace, target.NodeId, target.AttributeId)
-            deadband = check_data_filter(
-                self._aspace, parameters.Filter, node_id=target.NodeId, attribute=target.AttributeId, value=value
-            )
-            index_range = parse_range(target.IndexRange)
-            if index_range is not None and target.AttributeId != AttributeIds.Value:
-                raise Refusal(StatusCodes.BadIndexRangeInvalid)
-            interval_s = self._sampling_s(subscription, target.NodeId, target.AttributeId, parameters)
-            size = self._queue_size(parameters.QueueSize)
-            data = DataItem(
-                subscription,
-                subscription.items.next_id(),
-                wanted,
-                size,
-                index_range,
-                timestamps,
-                self._aspace,
-                interval_s=interval_s,
-                deadband=deadband,
-            )
-            if not (code := subscription.items.add_data(data)).is_good():
-                raise Refusal(int(code.value))
-            result.MonitoredItemId = data.id
-            result.RevisedSamplingInterval = interval_s * 1000
-        result.RevisedQueueSize = size
-        return result
+            return encode_item_result(0, events.id, 0.0, size, event_filter.result)
+        check_reader(self._aspace, target.NodeId, target.AttributeId, request.user, encrypted=request.encrypted)
+        value = readable_value(self._aspace, target.NodeId, target.AttributeId)
+        deadband = check_data_filter(
+            self._aspace, parameters.Filter, node_id=target.NodeId, attribute=target.AttributeId, value=value
+        )
+        index_range = parse_range(target.IndexRange)
+        if index_range is not None and target.AttributeId != AttributeIds.Value:
+            raise Refusal(StatusCodes.BadIndexRangeInvalid)
+        interval_s = self._sampling_s(subscription, target.NodeId, target.AttributeId, parameters)
+        size = self._queue_size(parameters.QueueSize)
+        data = DataItem(
+            subscription,
+            subscription.items.next_id(),
+            wanted,
+            size,
+            index_range,
+            timestamps,
+            self._aspace,
+            interval_s=interval_s,
+            deadband=deadband,
+        )
+        if not (code := subscription.items.add_data(data)).is_good():
+            raise Refusal(int(code.value))
+        return encode_item_result(0, data.id, interval_s * 1000, size)
 
     def _event_filter(self, request: ServiceRequest, wanted: Any, taken_off: int = 0) -> EventFilter:
         """A filter that all those of the session leave room for; `taken_off` are the steps of the one that goes."""
@@ -434,6 +439,14 @@ def _tell_filter(result: Any, error: Refusal) -> None:
     """Say which part of a filter is wrong."""
     if isinstance(error, FilterRefused):
         result.FilterResult = error.result
+
+
+def encode_item_result(
+    code: int, item_id: int = 0, interval_ms: float = 0.0, queue_size: int = 0, filter_result: Any = None
+) -> bytes:
+    """A MonitoredItemCreateResult (OPC 10000-4 5.13.2.2)."""
+    fixed = _ITEM_RESULT.pack(code, item_id, interval_ms, queue_size)
+    return fixed + (NO_OBJECT if filter_result is None else encode_extension_object(filter_result))
 
 
 def _revised(subscription: ClientSubscription) -> tuple[float, int, int]:

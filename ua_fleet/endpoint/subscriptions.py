@@ -23,7 +23,7 @@ from ua_fleet.endpoint.kept_events import EventKeeper
 from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.monitored_items import MonitoredItems
 from ua_fleet.endpoint.monitoring import DataItem, Item
-from ua_fleet.endpoint.notifications import changes_of, events_of
+from ua_fleet.endpoint.notifications import changes_of, encode_message, events_of, publish_response, status_change
 from ua_fleet.endpoint.queues import Queues
 from ua_fleet.endpoint.sessions import PublishRequest, Session
 from ua_fleet.endpoint.stack import GOOD, StatusCodes, status
@@ -67,7 +67,7 @@ class ClientSubscription:
         self._limits = limits
         self._registry = registry
         self._pending: OrderedDict[int, Item] = OrderedDict()
-        self._sent: OrderedDict[int, ua.NotificationMessage] = OrderedDict()
+        self._sent: OrderedDict[int, bytes] = OrderedDict()
         self._sequence = _FIRST_SEQUENCE
         self._quiet_cycles = 0
         self._cycles_without_request = 0
@@ -231,30 +231,22 @@ class ClientSubscription:
         self._quiet_cycles = 0
         self._first = False
         self._report_triggered()
-        message = ua.NotificationMessage()
-        message.PublishTime = datetime.now(UTC)
-        message.NotificationData = self._take() if self.enabled else []
-        message.SequenceNumber = self._sequence  # pyright: ignore[reportAttributeAccessIssue]
-        if message.NotificationData:
-            self._sequence = self._sequence % 0xFFFF_FFFF + 1
-            self._keep(int(message.SequenceNumber), message)
+        notifications = self._take() if self.enabled else []
+        sequence = self._sequence
+        message = encode_message(sequence, datetime.now(UTC), notifications)
+        if notifications:
+            self._sequence = sequence % 0xFFFF_FFFF + 1
+            self._keep(sequence, message)
         more = self._has_news()
-        result: Any = ua.PublishResult()
-        result.SubscriptionId = self.id
-        result.AvailableSequenceNumbers = self.unacknowledged
-        result.MoreNotifications = more
-        result.NotificationMessage = message
-        result.Results = request.results
-        response = ua.PublishResponse()
-        response.Parameters = result
         if self.session is not None and self.session.link is not None:
+            response = publish_response(self.id, message, request.results, self._sent, more=more)
             self.session.link.respond(response, request.handle, request.request_id)
         return more
 
-    def _keep(self, sequence: int, message: ua.NotificationMessage) -> None:
+    def _keep(self, sequence: int, message: bytes) -> None:
         """Keep a message until it is acknowledged, as far as there is room for its user's."""
         self._sent[sequence] = message
-        self.kept_bytes += _size(message)
+        self.kept_bytes += len(message)
         if len(self._sent) > self._limits.retransmissions:
             self.forget_oldest()
         self._registry.limit_kept(self.holder, self._limits.retransmission_bytes)
@@ -262,9 +254,9 @@ class ClientSubscription:
     def forget_oldest(self) -> None:
         """Keep one message less."""
         self.usage.discarded += 1
-        self.kept_bytes -= _size(self._sent.popitem(last=False)[1])
+        self.kept_bytes -= len(self._sent.popitem(last=False)[1])
 
-    def _take(self) -> list[Any]:
+    def _take(self) -> list[bytes]:
         """As many notifications as one response may have, as DataChangeNotification and EventNotificationList."""
         left, most = self.max_notifications, self._limits.response_bytes
         room = self._limits.notification_bytes
@@ -282,7 +274,7 @@ class ClientSubscription:
                 left, room = left - 1, room - len(data)
             if not item.waits:
                 del self._pending[item_id]
-        notifications: list[Any] = []
+        notifications: list[bytes] = []
         self.usage.data_changes += len(changes)
         self.usage.events += len(events)
         if changes:
@@ -298,22 +290,18 @@ class ClientSubscription:
         """
         if self.session is None:
             return
-        message = ua.NotificationMessage()
-        message.PublishTime = datetime.now(UTC)
-        message.SequenceNumber = self._sequence  # pyright: ignore[reportAttributeAccessIssue]
-        message.NotificationData = [ua.StatusChangeNotification(Status=status(code))]
-        self.session.say_farewell(self.id, message)
+        self.session.say_farewell(self.id, encode_message(self._sequence, datetime.now(UTC), [status_change(code)]))
 
-    def acknowledge(self, sequence: int) -> ua.StatusCode:
-        """The client has a notification message."""
+    def acknowledge(self, sequence: int) -> int:
+        """The client has a notification message; the StatusCode for it."""
         message = self._sent.pop(sequence, None)
         if message is None:
-            return status(StatusCodes.BadSequenceNumberUnknown)
-        self.kept_bytes -= _size(message)
-        return GOOD
+            return StatusCodes.BadSequenceNumberUnknown
+        self.kept_bytes -= len(message)
+        return 0
 
-    def sent(self, sequence: int) -> ua.NotificationMessage | None:
-        """A notification message that has not been acknowledged."""
+    def sent(self, sequence: int) -> bytes | None:
+        """A notification message that has not been acknowledged, encoded."""
         return self._sent.get(sequence)
 
     def remove(self, item_id: int) -> ua.StatusCode:
@@ -360,10 +348,6 @@ class ClientSubscription:
         self.session = session
         session.subscriptions[self.id] = self
         self.touch()
-
-
-def _size(message: ua.NotificationMessage) -> int:
-    return sum(len(getattr(data, "Body", None) or b"") for data in message.NotificationData)
 
 
 class SubscriptionRegistry(SubscriptionService):

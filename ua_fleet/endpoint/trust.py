@@ -7,6 +7,7 @@ effect in a running server.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -46,6 +47,8 @@ MAX_KEY_BITS: Final = 4096
 MAX_CHAIN: Final = 5
 MAX_CHAIN_BYTES: Final = 16_384
 _MOST_ASKED: Final = 1_000
+_MOST_READ: Final = 256
+"""Certificates, and chains of them, that are not read again."""
 _WEAK_HASHES: Final = (hashes.MD5, hashes.SHA1)
 
 
@@ -72,6 +75,12 @@ POLICY_CHECK_FAILED: Final = 0x8114_0000
 
 def split_chain(data: bytes) -> list[x509.Certificate]:
     """The certificates of a SenderCertificate: DER after DER, the application's own first."""
+    return list(_split_chain(data))
+
+
+@functools.lru_cache(_MOST_READ)
+def _split_chain(data: bytes) -> tuple[x509.Certificate, ...]:
+    """What the same bytes are is found once: they say nothing of whether the certificates are good now."""
     if len(data) > MAX_CHAIN_BYTES:
         raise CertificateRefused(INVALID, f"the certificate has {len(data)} bytes")
     chain: list[x509.Certificate] = []
@@ -87,7 +96,13 @@ def split_chain(data: bytes) -> list[x509.Certificate]:
         raise CertificateRefused(INVALID, f"the certificate cannot be read ({error})") from error
     if not chain:
         raise CertificateRefused(INVALID, "there is no certificate")
-    return chain
+    return tuple(chain)
+
+
+@functools.lru_cache(_MOST_READ)
+def fingerprint_of(certificate: x509.Certificate) -> bytes:
+    """SHA-256 of a certificate, by which it is known in the folders."""
+    return certificate.fingerprint(hashes.SHA256())
 
 
 def _der_length(head: bytes) -> int:
@@ -145,7 +160,7 @@ class CertificateFolder:
                 except (CertificateError, OSError) as error:
                     _log.warning("certificate left out", reason=str(error))
                     continue
-                fingerprint = certificate.fingerprint(hashes.SHA256())
+                fingerprint = fingerprint_of(certificate)
                 self.certificates[fingerprint] = certificate
                 self.names[fingerprint] = path.stem
         return self.certificates
@@ -153,7 +168,7 @@ class CertificateFolder:
     def name_of(self, certificate: x509.Certificate) -> str:
         """The name of the file that a certificate stands in now; empty where it is not there."""
         self.refresh()
-        return self.names.get(certificate.fingerprint(hashes.SHA256()), "")
+        return self.names.get(fingerprint_of(certificate), "")
 
 
 class RevocationList:
@@ -170,7 +185,7 @@ class RevocationList:
 
     def is_signed_by(self, authority: x509.Certificate) -> bool:
         """Whether this CA has made the list."""
-        mark = authority.fingerprint(hashes.SHA256())
+        mark = fingerprint_of(authority)
         known = self._signers.get(mark)
         if known is None:
             key = authority.public_key()
@@ -247,7 +262,7 @@ class TrustList:
 
     def _check(self, chain: list[x509.Certificate]) -> None:
         certificate = chain[0]
-        mark = certificate.fingerprint(hashes.SHA256())
+        mark = fingerprint_of(certificate)
         self_signed = self._sound.get(mark)
         if self_signed is None:
             self_signed = self._check_made_well(certificate)
@@ -285,7 +300,7 @@ class TrustList:
 
     def check_uri(self, certificate: x509.Certificate, application_uri: str) -> None:
         """Raise CertificateRefused unless the certificate is that of the application (OPC 10000-4 6.1.3)."""
-        mark = certificate.fingerprint(hashes.SHA256())
+        mark = fingerprint_of(certificate)
         known = self._uris.get(mark)
         if known is None:
             known = application_uris(certificate)
@@ -334,7 +349,7 @@ class TrustList:
                 return False
             self._check_sound(issuer, ISSUER_TIME_INVALID)
             self._check_not_revoked(current, [issuer])
-            if issuer.fingerprint(hashes.SHA256()) in trusted:
+            if fingerprint_of(issuer) in trusted:
                 return True
             current = issuer
         return False

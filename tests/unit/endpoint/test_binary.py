@@ -15,6 +15,7 @@ from tests.attacks.bombs import BombMaker
 from ua_fleet.endpoint.binary.data_values import encode_data_value, with_times
 from ua_fleet.endpoint.binary.decoders import PLAIN, decode_plain
 from ua_fleet.endpoint.binary.encoders import encode
+from ua_fleet.endpoint.binary.history_details import decode_history_details
 from ua_fleet.endpoint.binary.session_requests import decode_session_request
 from ua_fleet.endpoint.chunks import HEAD, LAST, SEQUENCE, ChunkKeys, open_chunk, seal_chunk
 from ua_fleet.endpoint.decoding import BYTES_BEFORE_SESSION, OPERATIONS_BEFORE_SESSION, decode_parameters
@@ -113,8 +114,9 @@ def _operation(rng: random.Random, kind: Any) -> Any:
     if kind is ua.BrowseDescription:
         return ua.BrowseDescription(node, rng.randrange(3), ua.NodeId(33), rng.random() < 0.5, number, 63)
     parameters = ua.MonitoringParameters(number, 1.5, None, number, rng.random() < 0.5)
-    if rng.random() < 0.2:
-        parameters.Filter = ua.DataChangeFilter()
+    if rng.random() < 0.4:
+        filters = ua.DataChangeFilter(rng.choice(tuple(ua.DataChangeTrigger)), rng.randrange(3), rng.random())
+        parameters.Filter = rng.choice((filters, filters, ua.EventFilter(), ua.AggregateFilter()))
     return ua.MonitoredItemCreateRequest(wanted, rng.choice(tuple(ua.MonitoringMode)), parameters)
 
 
@@ -141,6 +143,44 @@ def test_a_plain_operation_is_what_asyncua_builds_and_costs_what_the_scan_charge
         assert repr(value) == repr(expected)
         plain += 1
     assert plain > OPERATIONS // len(PLAIN) // 10
+
+
+def _history_details(rng: random.Random) -> Any:
+    def time() -> Any:
+        return ua.win_epoch_to_datetime(rng.choice((0, 130_000_000_000_000_000, -5, 2**63 - 1)))
+
+    def flag() -> bool:
+        return rng.random() < 0.5
+
+    nodes = ua.NodeId(2342), ua.NodeId("x", 2), ua.NodeId(70_000, 1), ua.NodeId(7)
+    kinds = [rng.choice(nodes) for _ in range(rng.randrange(4))]
+    configuration = ua.AggregateConfiguration(flag(), flag(), rng.randrange(101), rng.randrange(101), flag())
+    return rng.choice(
+        (
+            ua.ReadRawModifiedDetails(flag(), time(), time(), rng.randrange(9), flag()),
+            ua.ReadAtTimeDetails([time() for _ in range(rng.randrange(4))], flag()),
+            ua.ReadProcessedDetails(time(), time(), rng.random(), kinds, configuration),
+            ua.ReadAnnotationDataDetails([time()]),
+            ua.ReadEventDetails(),
+        )
+    )
+
+
+def test_plain_history_details_are_what_asyncua_builds_and_cost_what_the_scan_charges() -> None:
+    rng = random.Random(7)
+    plain = 0
+    for _ in range(OPERATIONS):
+        data = _damaged(rng, binary.extensionobject_to_binary(_history_details(rng)))
+        found = decode_history_details(data, 0)
+        if found is None:
+            continue
+        details, end, memory = found
+        scan = Scan(data, 0, len(data), MEMORY)
+        step_of(ua.ExtensionObject).walk(scan)
+        assert (scan.position, MEMORY - scan.memory) == (end, memory), details
+        assert repr(details) == repr(binary.extensionobject_from_binary(Buffer(data)))
+        plain += 1
+    assert plain > OPERATIONS // 3
 
 
 def _session_request(rng: random.Random) -> Any:

@@ -13,11 +13,10 @@ import struct
 from typing import Any, Final
 
 from asyncua import ua
-from asyncua.common.utils import Buffer
 
 from ua_fleet.endpoint.answers import ArrayResponse
+from ua_fleet.endpoint.binary.operations import OperationReader
 from ua_fleet.endpoint.context import EndpointContext
-from ua_fleet.endpoint.decoding import decode_operation, operations_of
 from ua_fleet.endpoint.request import ServiceRequest
 from ua_fleet.endpoint.scan import Scan, step_of
 from ua_fleet.endpoint.stack import Refusal
@@ -28,7 +27,6 @@ __all__ = ["BrowsePlan"]
 _NO_VIEW: Final = b"\x00\x00"
 _HEAD: Final = struct.Struct("<2sqIIi")
 """ViewId, Timestamp and ViewVersion of no view; RequestedMaxReferencesPerNode; number of NodesToBrowse."""
-_STEP: Final = step_of(ua.BrowseDescription)
 _VIEW_MEMORY: Final = step_of(ua.ViewDescription).memory
 _MOST_REFERENCES: Final = 1_000
 """Of a result that is kept."""
@@ -54,6 +52,7 @@ class BrowsePlan:
     def __init__(self, context: EndpointContext, views: ViewServices) -> None:
         self._context, self._limits, self._views = context, context.limits, views
         self._aspace: Any = context.iserver.aspace
+        self._operations = OperationReader(ua.BrowseDescription, context.limits, _HEAD, around=_VIEW_MEMORY)
         self._results: dict[bytes, _Result] = {}
         self._bytes = 0
         self._types: dict[ua.NodeId, frozenset[ua.NodeId]] = {}
@@ -71,13 +70,11 @@ class BrowsePlan:
         Raises:
             Refusal: an operation is no valid encoding, or the request is not to go on.
         """
-        if len(data) - start < _HEAD.size:
+        begun = self._operations.begin(data, start)
+        if begun is None or begun[1][0] != _NO_VIEW:
             return None
-        view, _, _, wish, count = _HEAD.unpack_from(data, start)
+        scan, (_, _, _, wish, count) = begun
         limits = self._limits
-        scan = operations_of(data, start + _HEAD.size, count, _STEP, limits, around=_VIEW_MEMORY)
-        if scan is None or view != _NO_VIEW:
-            return None
         portion = min(limits.references_per_node, wish or limits.references_per_node)
         portions = BrowsePortions(request.session, ua.BrowseResponse, self._context)
         for _ in range(count):
@@ -89,8 +86,9 @@ class BrowsePlan:
         """Do one operation."""
         data, position = scan.data, scan.position
         scan.share = scan.memory
-        scan.charge_built(_STEP.memory)
-        _STEP.walk(scan)
+        step = self._operations.step
+        scan.charge_built(step.memory)
+        step.walk(scan)
         key = data[position : scan.position]
         known = self._known().get(key)
         if known is not None and known.all == known.node.references:
@@ -100,7 +98,7 @@ class BrowsePlan:
             _add(portions, known.references, portion, wish)
             return
         scan.position = position
-        wanted = decode_operation(ua.BrowseDescription, _STEP.walk, scan, Buffer(data, position))
+        wanted = self._operations.whole(scan)
         try:
             references = self._views.references(wanted, self._types)
         except Refusal as error:

@@ -9,27 +9,21 @@ before the first Method is called. `methods` has the rules, and asks anew at eac
 
 from __future__ import annotations
 
-import struct
-from typing import Any, Final
+from typing import Any
 
 from asyncua import ua
-from asyncua.common.utils import Buffer
 
 from ua_fleet.endpoint.answers import ArrayResponse
 from ua_fleet.endpoint.binary.decoders import decode_plain_arguments
+from ua_fleet.endpoint.binary.operations import OperationReader
 from ua_fleet.endpoint.binary.targets import LONGEST_KEY, Targets, node_id_bytes
 from ua_fleet.endpoint.context import EndpointContext
-from ua_fleet.endpoint.decoding import decode_operation, operations_of, share_of
 from ua_fleet.endpoint.methods import FoundMethod, MethodServices
 from ua_fleet.endpoint.request import ServiceRequest
-from ua_fleet.endpoint.scan import Scan, step_of
+from ua_fleet.endpoint.scan import Scan
 from ua_fleet.endpoint.stack import Refusal
 
 __all__ = ["CallPlan"]
-
-_HEAD: Final = struct.Struct("<i")
-"""Number of MethodsToCall."""
-_STEP: Final = step_of(ua.CallMethodRequest)
 
 
 class _Target:
@@ -75,6 +69,7 @@ class CallPlan:
     def __init__(self, context: EndpointContext, methods: MethodServices) -> None:
         self._aspace: Any = context.iserver.aspace
         self._limits, self._methods = context.limits, methods
+        self._operations = OperationReader(ua.CallMethodRequest, context.limits)
         self._targets = Targets[_Target](context.iserver.aspace)
 
     async def serve(self, request: ServiceRequest, data: bytes, start: int) -> ArrayResponse | None:
@@ -88,19 +83,13 @@ class CallPlan:
         Raises:
             Refusal: an operation is no valid encoding, or the request is not to go on.
         """
-        if len(data) - start < _HEAD.size:
-            return None
-        (count,) = _HEAD.unpack_from(data, start)
+        begun = self._operations.begin(data, start)
         limits, turns = self._limits, request.turns
-        scan = operations_of(data, start + _HEAD.size, count, _STEP, limits)
-        if scan is None or count > limits.calls_per_request:
+        if begun is None or begun[1][0] > limits.calls_per_request:
             return None
-        decoded: list[_Operation] = []
+        scan, (count,) = begun
         removed = self._targets.removed
-        for _ in range(count):
-            decoded.append(self._decoded(scan))
-            if turns.over:
-                await turns.end()
+        decoded = await self._operations.all(scan, count, turns, self._decoded)
         if count == 1 and self._methods.waits(decoded[0][1].MethodId):
             return None
         answer = ArrayResponse(ua.CallResponse, limits.response_bytes)
@@ -119,13 +108,11 @@ class CallPlan:
         target = self._targets.known().get(data[position:end])
         if target is not None and not target.is_as_it_was:
             target = None  # it is remembered anew
-        scan.share = share_of(self._limits.request_memory_bytes)
-        scan.charge_built(_STEP.memory)
-        if target is not None and (plain := decode_plain_arguments(data, end)) is not None:
-            arguments, scan.position, memory = plain
-            scan.charge_built(memory)
-            return target, ua.CallMethodRequest(target.object_id, target.method_id, arguments)
-        wanted = decode_operation(ua.CallMethodRequest, _STEP.walk, scan, Buffer(data, position))
+        if target is not None:
+            arguments = self._operations.rest(scan, end, decode_plain_arguments)
+            if arguments is not None:
+                return target, ua.CallMethodRequest(target.object_id, target.method_id, arguments)
+        wanted = self._operations.whole(scan)
         if position < middle < end <= position + LONGEST_KEY:
             self._remember(data[position:end], wanted)
         return target, wanted

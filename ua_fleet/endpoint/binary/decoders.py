@@ -1,4 +1,4 @@
-"""Operations of requests in one pass, where they have the plain form that nearly all have.
+"""Operations of requests in one pass, where they have the plain form that nearly all have; see `history_details`, too.
 
 A decoder here never says what is wrong with bytes, and builds nothing of what it does not know to its end: for whatever
 is not plain (a range, a filter, an array, a structure, bytes that are missing) it gives None, and the operation is
@@ -16,10 +16,19 @@ from typing import Any, Final
 from asyncua import ua
 
 from ua_fleet.endpoint.binary.builtin import NUMBERS
+from ua_fleet.endpoint.binary.encoders import NO_OBJECT
 from ua_fleet.endpoint.scan import step_of
-from ua_fleet.endpoint.stack import GOOD
+from ua_fleet.endpoint.stack import GOOD, ObjectIds
 
-__all__ = ["PLAIN", "decode_plain", "decode_plain_arguments", "decode_plain_value"]
+__all__ = [
+    "PLAIN",
+    "NotPlainError",
+    "decode_node_id",
+    "decode_plain",
+    "decode_plain_arguments",
+    "decode_plain_value",
+    "in_one_pass",
+]
 
 _Plain = Callable[[bytes, int], tuple[Any, int, int]]
 """A value, where it ends, and the memory that it is charged beyond what its type is."""
@@ -32,8 +41,15 @@ _NUMBER: Final = struct.Struct("<I")
 _TIME: Final = struct.Struct("<q")
 _AFTER_NODE_ID: Final = struct.Struct("<I4sh4s")
 """AttributeId, and no IndexRange and DataEncoding."""
-_PARAMETERS: Final = struct.Struct("<iId3sIB")
-"""MonitoringMode, ClientHandle, SamplingInterval, no filter, QueueSize, DiscardOldest."""
+_ITEM_HEAD: Final = struct.Struct("<iId")
+"""MonitoringMode, ClientHandle, SamplingInterval."""
+_ITEM_REST: Final = struct.Struct("<IB")
+"""QueueSize, DiscardOldest."""
+_OBJECT_HEAD: Final = struct.Struct("<BBHBi")
+"""NodeId of a structure's encoding in four bytes, that there is a body, and its length."""
+_DATA_FILTER: Final = struct.Struct("<BBHBiiId")
+"""The same, with Trigger, DeadbandType and DeadbandValue."""
+_DATA_FILTER_HEAD: Final = (1, 0, int(ObjectIds.DataChangeFilter_Encoding_DefaultBinary), 1, 16)
 _VALUE_HEAD: Final = struct.Struct("<I4s")
 """AttributeId, and no IndexRange."""
 _TWO_NUMBERS: Final = struct.Struct("<II")
@@ -44,7 +60,6 @@ _DIRECTION: Final = struct.Struct("<i")
 _WISHES: Final = struct.Struct("<?II")
 """IncludeSubtypes, NodeClassMask, ResultMask."""
 _NULL: Final = b"\xff\xff\xff\xff"
-_NO_OBJECT: Final = b"\x00\x00\x00"
 _MOST_ARGUMENTS: Final = 64
 _WITH_VALUE, _WITH_CODE, _WITH_SOURCE, _WITH_SERVER = 1, 2, 4, 8
 """Bits of a DataValue's mask; those of picoseconds are not plain."""
@@ -61,10 +76,11 @@ _SCALARS: Final = {
 }
 _TEXT_MEMORY: Final = step_of(ua.String).memory
 _VARIANT_MEMORY: Final = step_of(ua.Variant).memory
+_DATA_FILTER_MEMORY: Final = step_of(ua.DataChangeFilter).memory
 
 
-class _NotPlainError(Exception):
-    """The operation has another form."""
+class NotPlainError(Exception):
+    """The bytes have another form."""
 
 
 def decode_plain(kind: Any, data: bytes, position: int) -> tuple[Any, int, int] | None:
@@ -72,28 +88,30 @@ def decode_plain(kind: Any, data: bytes, position: int) -> tuple[Any, int, int] 
 
     Returns the operation, where it ends, and the memory that it is charged beyond what its class is.
     """
-    return _plain(PLAIN[kind], data, position)
+    return in_one_pass(PLAIN[kind], data, position)
 
 
 def decode_plain_value(data: bytes, position: int) -> tuple[Any, int, int] | None:
     """As `decode_plain`, a DataValue: of a number or a text, with no picoseconds."""
-    return _plain(_data_value, data, position)
+    return in_one_pass(_data_value, data, position)
 
 
 def decode_plain_arguments(data: bytes, position: int) -> tuple[list[Any], int, int] | None:
     """As `decode_plain`, the InputArguments of a Call: numbers and texts."""
-    return _plain(_arguments, data, position)
+    return in_one_pass(_arguments, data, position)
 
 
-def _plain(decode: _Plain, data: bytes, position: int) -> tuple[Any, int, int] | None:
+def in_one_pass(decode: _Plain, data: bytes, position: int) -> tuple[Any, int, int] | None:
+    """What a decoder says; None where the bytes are not plain, or too few."""
     try:
         value, end, memory = decode(data, position)
-    except (_NotPlainError, struct.error, IndexError, ValueError):
+    except (NotPlainError, struct.error, IndexError, ValueError):
         return None
     return (value, end, memory) if end <= len(data) else None
 
 
-def _node_id(data: bytes, position: int) -> tuple[Any, int]:
+def decode_node_id(data: bytes, position: int) -> tuple[Any, int]:
+    """A NodeId with a number or a text, and where it ends; raises NotPlainError for any other."""
     kind = data[position]
     node_id: Any = object.__new__(ua.NodeId)
     if kind == 1:
@@ -104,7 +122,7 @@ def _node_id(data: bytes, position: int) -> tuple[Any, int]:
         start = position + _NAMED.size
         end = start + length
         if length < 0 or end > len(data):
-            raise _NotPlainError
+            raise NotPlainError
         node_id.NamespaceIndex, node_id.Identifier = namespace, data[start:end].decode()
         node_id.NodeIdType = _STRING
     elif kind == 2:
@@ -114,7 +132,7 @@ def _node_id(data: bytes, position: int) -> tuple[Any, int]:
         node_id.NamespaceIndex, node_id.Identifier = 0, data[position + 1]
         node_id.NodeIdType, end = _TWO_BYTE, position + 2
     else:
-        raise _NotPlainError
+        raise NotPlainError
     return node_id, end
 
 
@@ -126,11 +144,11 @@ def _variant(data: bytes, position: int) -> tuple[Any, int, int]:
         start = position + 5
         end = start + length
         if length < 0 or end > len(data):
-            raise _NotPlainError
+            raise NotPlainError
         return _scalar(data[start:end].decode(), ua.VariantType.String), end, _TEXT_MEMORY
     found = _SCALARS.get(kind)
     if found is None:
-        raise _NotPlainError
+        raise NotPlainError
     variant_type, unpacked, memory = found
     (value,) = unpacked.unpack_from(data, position + 1)
     return _scalar(value, variant_type), position + 1 + unpacked.size, memory
@@ -143,10 +161,10 @@ def _scalar(value: Any, variant_type: ua.VariantType) -> Any:
 
 
 def _read_value_id(data: bytes, position: int) -> tuple[Any, int, int]:
-    node_id, at = _node_id(data, position)
+    node_id, at = decode_node_id(data, position)
     attribute, index_range, namespace, name = _AFTER_NODE_ID.unpack_from(data, at)
     if index_range != _NULL or name != _NULL:
-        raise _NotPlainError
+        raise NotPlainError
     encoding = ua.QualifiedName(None, namespace)
     return ua.ReadValueId(node_id, attribute, None, encoding), at + _AFTER_NODE_ID.size, 0
 
@@ -155,7 +173,7 @@ def _data_value(data: bytes, position: int) -> tuple[Any, int, int]:
     """A value with no picoseconds."""
     mask = data[position]
     if mask & ~_WITH_ANY != _WITH_VALUE:
-        raise _NotPlainError
+        raise NotPlainError
     value: Any = object.__new__(ua.DataValue)
     value.Encoding, value.StatusCode = 0, GOOD
     value.SourceTimestamp = value.ServerTimestamp = value.SourcePicoseconds = value.ServerPicoseconds = None
@@ -173,17 +191,17 @@ def _data_value(data: bytes, position: int) -> tuple[Any, int, int]:
 
 
 def _write_value(data: bytes, position: int) -> tuple[Any, int, int]:
-    node_id, at = _node_id(data, position)
+    node_id, at = decode_node_id(data, position)
     attribute, index_range = _VALUE_HEAD.unpack_from(data, at)
     if index_range != _NULL:
-        raise _NotPlainError
+        raise NotPlainError
     value, at, memory = _data_value(data, at + _VALUE_HEAD.size)
     return ua.WriteValue(node_id, attribute, None, value), at, memory
 
 
 def _call_method_request(data: bytes, position: int) -> tuple[Any, int, int]:
-    object_id, at = _node_id(data, position)
-    method_id, at = _node_id(data, at)
+    object_id, at = decode_node_id(data, position)
+    method_id, at = decode_node_id(data, at)
     arguments, at, memory = _arguments(data, at)
     return ua.CallMethodRequest(object_id, method_id, arguments), at, memory
 
@@ -191,7 +209,7 @@ def _call_method_request(data: bytes, position: int) -> tuple[Any, int, int]:
 def _arguments(data: bytes, at: int) -> tuple[list[Any], int, int]:
     (count,) = _LENGTH.unpack_from(data, at)
     if not 0 <= count <= _MOST_ARGUMENTS:
-        raise _NotPlainError
+        raise NotPlainError
     at += _LENGTH.size
     arguments: list[Any] = []
     memory = count * _VARIANT_MEMORY
@@ -204,12 +222,24 @@ def _arguments(data: bytes, at: int) -> tuple[list[Any], int, int]:
 
 def _monitored_item_create_request(data: bytes, position: int) -> tuple[Any, int, int]:
     target, at, _ = _read_value_id(data, position)
-    mode, handle, interval, no_filter, queue_size, discards = _PARAMETERS.unpack_from(data, at)
-    if no_filter != _NO_OBJECT:
-        raise _NotPlainError
-    parameters = ua.MonitoringParameters(handle, interval, ua.ExtensionObject(), queue_size, discards != 0)
+    mode, handle, interval = _ITEM_HEAD.unpack_from(data, at)
+    at += _ITEM_HEAD.size
+    memory = 0
+    wished: Any
+    if data.startswith(NO_OBJECT, at):
+        wished = ua.ExtensionObject()
+        at += len(NO_OBJECT)
+    else:
+        *head, trigger, deadband_type, deadband = _DATA_FILTER.unpack_from(data, at)
+        if tuple(head) != _DATA_FILTER_HEAD:
+            raise NotPlainError
+        wished = ua.DataChangeFilter(ua.DataChangeTrigger(trigger), deadband_type, deadband)
+        at += _DATA_FILTER.size
+        memory = _DATA_FILTER_MEMORY
+    queue_size, discards = _ITEM_REST.unpack_from(data, at)
+    parameters = ua.MonitoringParameters(handle, interval, wished, queue_size, discards != 0)
     wanted = ua.MonitoredItemCreateRequest(target, ua.MonitoringMode(mode), parameters)
-    return wanted, at + _PARAMETERS.size, 0
+    return wanted, at + _ITEM_REST.size, memory
 
 
 def _acknowledgement(data: bytes, position: int) -> tuple[Any, int, int]:
@@ -218,20 +248,20 @@ def _acknowledgement(data: bytes, position: int) -> tuple[Any, int, int]:
 
 
 def _history_read_value_id(data: bytes, position: int) -> tuple[Any, int, int]:
-    node_id, at = _node_id(data, position)
+    node_id, at = decode_node_id(data, position)
     index_range, namespace, name, length = _HISTORY_NODE.unpack_from(data, at)
     at += _HISTORY_NODE.size
     if index_range != _NULL or name != _NULL or not -1 <= length <= _MOST_POINT:
-        raise _NotPlainError
+        raise NotPlainError
     point = None if length < 0 else data[at : at + length]
     at += max(length, 0)
     return ua.HistoryReadValueId(node_id, None, ua.QualifiedName(None, namespace), point), at, 0
 
 
 def _browse_description(data: bytes, position: int) -> tuple[Any, int, int]:
-    node_id, at = _node_id(data, position)
+    node_id, at = decode_node_id(data, position)
     (direction,) = _DIRECTION.unpack_from(data, at)
-    type_id, at = _node_id(data, at + _DIRECTION.size)
+    type_id, at = decode_node_id(data, at + _DIRECTION.size)
     subtypes, node_classes, wishes = _WISHES.unpack_from(data, at)
     wanted = ua.BrowseDescription(node_id, ua.BrowseDirection(direction), type_id, subtypes, node_classes, wishes)
     return wanted, at + _WISHES.size, 0

@@ -35,7 +35,7 @@ from ua_fleet.endpoint.binary.builtin import (
 from ua_fleet.endpoint.binary.data_values import encode_data_value
 from ua_fleet.endpoint.scan import FieldPart, steps_of
 
-__all__ = ["EncodedArray", "encode", "encode_array", "encode_extension_object"]
+__all__ = ["NO_OBJECT", "EncodedArray", "encode", "encode_array", "encode_extension_object"]
 
 _Encoder = Callable[[Any], bytes]
 
@@ -48,7 +48,8 @@ class EncodedArray(bytes):
 
 _LENGTH: Final = struct.Struct("<i")
 _NULL: Final = b"\xff\xff\xff\xff"
-_NO_OBJECT: Final = b"\x00\x00\x00"
+NO_OBJECT: Final = b"\x00\x00\x00"
+"""An ExtensionObject without a type and a body."""
 
 
 def encode(structure: Any) -> bytes:
@@ -68,7 +69,7 @@ def encode_extension_object(structure: Any) -> bytes:
     """An ExtensionObject, or a structure in one."""
     if type(structure) is ua.ExtensionObject and structure.Body is None:
         head = encode_node_id(structure.TypeId) + b"\x00"
-        if head == _NO_OBJECT:
+        if head == NO_OBJECT:
             return head
     type_id = ua.typeid_by_extension_objects.get(type(structure)) if structure is not None else None
     if type_id is None or isinstance(structure, ua.ExtensionObject):

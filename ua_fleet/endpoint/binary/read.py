@@ -15,23 +15,21 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from asyncua import ua
-from asyncua.common.utils import Buffer
 
 from ua_fleet.endpoint.answers import ArrayResponse
 from ua_fleet.endpoint.binary.data_values import kept_bytes, with_times
+from ua_fleet.endpoint.binary.operations import OperationReader
 from ua_fleet.endpoint.binary.targets import LONGEST_KEY, Access, Targets, node_id_bytes, plain_holders
 from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.context import EndpointContext
-from ua_fleet.endpoint.decoding import decode_operation, operations_of
 from ua_fleet.endpoint.request import ServiceRequest
-from ua_fleet.endpoint.scan import Scan, step_of
+from ua_fleet.endpoint.scan import Scan
 from ua_fleet.endpoint.stack import DECODE_ERRORS, AttributeIds
 
 __all__ = ["ReadPlan"]
 
 _HEAD: Final = struct.Struct("<dIi")
 """MaxAge, TimestampsToReturn, number of NodesToRead."""
-_STEP: Final = step_of(ua.ReadValueId)
 _TIMES: Final = tuple(each for each in ua.TimestampsToReturn if each is not ua.TimestampsToReturn.Invalid)
 _AFTER_NODE_ID: Final = 14
 """AttributeId, IndexRange and DataEncoding, where both are empty or null."""
@@ -68,6 +66,7 @@ class ReadPlan:
     def __init__(self, context: EndpointContext, read_one: ReadOne, readable: Callable[[ua.NodeId], bool]) -> None:
         self._aspace: Any = context.iserver.aspace
         self._limits, self._read_one, self._readable = context.limits, read_one, readable
+        self._operations = OperationReader(ua.ReadValueId, context.limits, _HEAD)
         self._targets = Targets[_Target](context.iserver.aspace)
 
     async def serve(self, request: ServiceRequest, data: bytes, start: int) -> ArrayResponse | None:
@@ -81,14 +80,14 @@ class ReadPlan:
         Raises:
             Refusal: an operation is no valid encoding, or the request is not to go on.
         """
-        if len(data) - start < _HEAD.size:
+        begun = self._operations.begin(data, start)
+        if begun is None:
             return None
-        max_age, times, count = _HEAD.unpack_from(data, start)
-        limits, turns = self._limits, request.turns
-        scan = operations_of(data, start + _HEAD.size, count, _STEP, limits)
-        if scan is None or not max_age >= 0 or times >= len(_TIMES):
+        scan, (max_age, times, count) = begun
+        if not max_age >= 0 or times >= len(_TIMES):
             return None
-        answer = ArrayResponse(ua.ReadResponse, limits.response_bytes)
+        turns = request.turns
+        answer = ArrayResponse(ua.ReadResponse, self._limits.response_bytes)
         while count:
             count -= self._some(request, _TIMES[times], scan, answer, min(count, _AT_ONCE))
             if turns.is_due(answer.size):
@@ -105,8 +104,8 @@ class ReadPlan:
                 position = end
                 continue
             scan.position, scan.share = position, scan.memory
-            scan.charge_built(_STEP.memory)
-            wanted = decode_operation(ua.ReadValueId, _STEP.walk, scan, Buffer(data, position))
+            scan.charge_built(self._operations.step.memory)
+            wanted = self._operations.whole(scan)
             if scan.position == end <= position + LONGEST_KEY and target is None:
                 self._remember(data[position:end], wanted)
             position = scan.position

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from asyncua import ua
 
+from ua_fleet.endpoint.binary.decoders import NotPlainError
 from ua_fleet.endpoint.stack import ObjectIds
 
 __all__ = ["SESSION_REQUESTS", "decode_session_request"]
@@ -26,10 +27,6 @@ _TIMEOUT_AND_SIZE: Final = struct.Struct("<dI")
 _MOST_TEXTS: Final = 16
 _ANONYMOUS: Final = int(ObjectIds.AnonymousIdentityToken_Encoding_DefaultBinary)
 _USER_NAME: Final = int(ObjectIds.UserNameIdentityToken_Encoding_DefaultBinary)
-
-
-class _NotPlainError(Exception):
-    """The request has another form."""
 
 
 class _Reader:
@@ -57,7 +54,7 @@ class _Reader:
         length = self.number()
         start, self.at = self.at, self.at + max(length, 0)
         if length < -1 or self.at > len(self._data):
-            raise _NotPlainError
+            raise NotPlainError
         return None if length < 0 else self._data[start : self.at]
 
     def text(self) -> str | None:
@@ -69,14 +66,14 @@ class _Reader:
         """An array of a few Strings."""
         count = self.number()
         if not -1 <= count <= _MOST_TEXTS:
-            raise _NotPlainError
+            raise NotPlainError
         return None if count < 0 else [self.text() for _ in range(count)]
 
     def localized_text(self) -> Any:
         """A LocalizedText."""
         (mask,) = self.unpack(_MASK)
         if mask > 3:
-            raise _NotPlainError
+            raise NotPlainError
         locale = self.text() if mask & 1 else None
         return ua.LocalizedText(self.text() if mask & 2 else None, locale)
 
@@ -90,7 +87,7 @@ class _Reader:
         form, namespace, kind, encoding, length = self.unpack(_TOKEN)
         end = self.at + length
         if (form, namespace, encoding) != (1, 0, 1):
-            raise _NotPlainError
+            raise NotPlainError
         policy: Any = self.text()
         token: Any
         if kind == _ANONYMOUS:
@@ -98,9 +95,9 @@ class _Reader:
         elif kind == _USER_NAME:
             token = ua.UserNameIdentityToken(policy, self.text(), self.opaque(), self.text())
         else:
-            raise _NotPlainError
+            raise NotPlainError
         if self.at != end:
-            raise _NotPlainError
+            raise NotPlainError
         return token
 
 
@@ -121,7 +118,7 @@ def _create_session(read: _Reader) -> Any:
 def _activate_session(read: _Reader) -> Any:
     signature: Any = read.signature()
     if not -1 <= read.number() <= 0:  # ClientSoftwareCertificates, which nobody has
-        raise _NotPlainError
+        raise NotPlainError
     locales: Any = read.texts() or []
     token: Any = read.identity_token()
     return ua.ActivateSessionParameters(signature, [], locales, token, read.signature())
@@ -144,5 +141,5 @@ def decode_session_request(parameters: Any, data: bytes) -> Any:
         return None
     try:
         return decode(_Reader(data))
-    except (_NotPlainError, struct.error, ValueError):
+    except (NotPlainError, struct.error, ValueError):
         return None

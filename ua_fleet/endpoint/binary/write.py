@@ -13,24 +13,20 @@ import struct
 from typing import Any, Final
 
 from asyncua import ua
-from asyncua.common.utils import Buffer
 
 from ua_fleet.endpoint.answers import ArrayResponse
 from ua_fleet.endpoint.binary.decoders import decode_plain_value
+from ua_fleet.endpoint.binary.operations import OperationReader
 from ua_fleet.endpoint.binary.targets import LONGEST_KEY, Access, Targets, node_id_bytes, plain_holders
 from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.context import EndpointContext
-from ua_fleet.endpoint.decoding import decode_operation, operations_of, share_of
 from ua_fleet.endpoint.request import ServiceRequest
-from ua_fleet.endpoint.scan import Scan, step_of
+from ua_fleet.endpoint.scan import Scan
 from ua_fleet.endpoint.stack import AttributeIds, shown
 from ua_fleet.endpoint.writes import Writes, WriteServices
 
 __all__ = ["WritePlan"]
 
-_HEAD: Final = struct.Struct("<i")
-"""Number of NodesToWrite."""
-_STEP: Final = step_of(ua.WriteValue)
 _VALUE: Final = AttributeIds.Value
 _WHOLE_VALUE: Final = struct.pack("<I", _VALUE) + b"\xff\xff\xff\xff"
 """AttributeId and IndexRange of a whole value."""
@@ -71,7 +67,8 @@ class WritePlan:
 
     def __init__(self, context: EndpointContext, services: WriteServices) -> None:
         self._aspace: Any = context.iserver.aspace
-        self._limits, self._services = context.limits, services
+        self._services = services
+        self._operations = OperationReader(ua.WriteValue, context.limits)
         self._targets = Targets[_Target](context.iserver.aspace)
 
     async def serve(self, request: ServiceRequest, data: bytes, start: int) -> ArrayResponse | None:
@@ -85,19 +82,13 @@ class WritePlan:
         Raises:
             Refusal: an operation is no valid encoding, or the request is not to go on.
         """
-        if len(data) - start < _HEAD.size:
+        begun = self._operations.begin(data, start)
+        if begun is None:
             return None
-        (count,) = _HEAD.unpack_from(data, start)
-        scan = operations_of(data, start + _HEAD.size, count, _STEP, self._limits)
-        if scan is None:
-            return None
+        scan, (count,) = begun
         turns = request.turns
-        decoded: list[_Operation] = []
         removed = self._targets.removed
-        for _ in range(count):
-            decoded.append(self._decoded(scan))
-            if turns.over:
-                await turns.end()
+        decoded = await self._operations.all(scan, count, turns, self._decoded)
         with self._services.begin(request) as writes:
             for target, given in decoded:
                 await self._do(writes, target, given, is_known=removed == self._targets.removed)
@@ -110,13 +101,10 @@ class WritePlan:
         data, position = scan.data, scan.position
         end = position + node_id_bytes(data, position) + _AFTER_NODE_ID
         target = self._targets.known().get(data[position:end])
-        scan.share = share_of(self._limits.request_memory_bytes)
-        scan.charge_built(_STEP.memory)
-        if target is not None and (plain := decode_plain_value(data, end)) is not None:
-            given, scan.position, memory = plain
-            scan.charge_built(memory)
+        given = None if target is None else self._operations.rest(scan, end, decode_plain_value)
+        if given is not None:
             return target, given
-        wanted = decode_operation(ua.WriteValue, _STEP.walk, scan, Buffer(data, position))
+        wanted = self._operations.whole(scan)
         if target is None and end <= position + LONGEST_KEY and data[end - _AFTER_NODE_ID : end] == _WHOLE_VALUE:
             self._remember(data[position:end], wanted.NodeId)
         return None, wanted

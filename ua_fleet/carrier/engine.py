@@ -58,7 +58,6 @@ from ua_fleet.topics import SERVER_SPACE, LoopVerdict, Side
 from ua_fleet.values import TICKS_PER_SECOND, UNIX_EPOCH_TICKS
 from ua_fleet.wire import Codec
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
-from ua_fleet.wire.messages import Probe, ProbeKind, PublisherIdType
 from ua_fleet.wire.security import read_security
 
 __all__ = ["SegmentEnd", "SegmentEngine"]
@@ -220,12 +219,15 @@ class SegmentEngine:
         self._service.go_on()
 
     def catch_up(self, now: float) -> None:
-        """Take in what the bridge and all that it has heard have said last: nothing was taken in without a run."""
+        """Take in what the bridge and all that it has heard have said last: nothing was taken in without a run.
+
+        All of it now: the first decision of the run goes by it.
+        """
+        for datagram in self._ground.publisher.said_last():
+            self._hear(self._local.receive(datagram, now, ("", 0)), now)
         for topic in list(self._ground.subscriber.writers):
             self._hear(self._ground.subscriber.known(topic), now)
-        probe = Probe(self._space, PublisherIdType.UINT16, ProbeKind.DATA_SET_META_DATA)
-        for datagram in self._ground.publisher.answer(probe, now):
-            self.own(datagram)
+        self._service.take_news()
 
     @property
     def ended(self) -> list[SegmentEnd]:

@@ -681,7 +681,7 @@ class World:
         def take() -> None:
             held = target.holder.runs.get(RUN)
             if held is not None:
-                self.carry(sent.space, bridge.space, partial(answered, target.holder.asked_epoch(held)))
+                self.carry(sent.space, bridge.space, partial(answered, target.holder.asked_epoch(held, bridge.space)))
 
         self.carry(bridge.space, sent.space, lambda: self.refusable(target, take))
 

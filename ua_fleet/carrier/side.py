@@ -279,7 +279,7 @@ class _Carrier:
                 answer = self._take_adoption(content, wall_s)
             case Word.EPOCH:
                 held = self._held(str(decode_words(content).get("run", "")))
-                answer = encode_words(**self._holder.asked_epoch(held))
+                answer = encode_words(**self._holder.asked_epoch(held, sender))
             case Word.CONFIRM if sender == 0:
                 answer = self._confirm(decode_words(content)).encode()
             case _:

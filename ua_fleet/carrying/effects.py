@@ -81,6 +81,8 @@ class AskEpoch(NamedTuple):
 
     run_id: str
     space: int
+    epoch: int = 1
+    """That this bridge knows."""
 
 
 class Stop(NamedTuple):

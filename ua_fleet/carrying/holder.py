@@ -217,29 +217,40 @@ class Holder:
         self._note(PartAdopted(now, part.run_id, content.hex()))
         return self._no_doubt(part.run_id, now) if self.in_doubt else self._again(held, now)
 
-    def asked_epoch(self, held: HeldRun) -> dict[str, Any]:
-        """What another bridge is told that asks for the epoch of a run: also how it has ended, where it has.
+    def asked_epoch(self, held: HeldRun, asking: int) -> dict[str, Any]:
+        """What the bridge of a space is told that asks for the epoch of a run: also how it has ended, where it has.
 
         Raises:
             RunRefused: this bridge was left out of the run itself, and does not know.
         """
         closed = held.closed
+        said: dict[str, Any] = {"epoch": held.part.epoch, "left_out": asking not in held.part.spaces}
         if closed is None:
-            return {"epoch": held.part.epoch}
+            return said
         if closed.outcome == ADOPTED:
             raise self._is_over(held.part.run_id, closed)
-        reason = clipped(closed.reason, MOST_REASON_BYTES)
-        return {"epoch": held.part.epoch, "outcome": closed.outcome, "reason": reason}
+        return {**said, "outcome": closed.outcome, "reason": clipped(closed.reason, MOST_REASON_BYTES)}
 
     def told_epoch(
-        self, sent: AskEpoch, epoch: int | None, now: float, *, outcome: str = "", reason: str = ""
+        self,
+        sent: AskEpoch,
+        epoch: int | None,
+        now: float,
+        *,
+        left_out: bool = False,
+        outcome: str = "",
+        reason: str = "",
     ) -> list[Carry]:
         """Another bridge says which epoch a run has; None: that it does not know the run any more.
+
+        Where that is a later one, this bridge was left out, or its part has not come yet. Then it keeps its tokens, and
+        its doubt where it has one, until that has.
 
         Args:
             sent: what it was asked.
             epoch: what it says.
             now: by the wall clock.
+            left_out: whether this bridge has no part of it.
             outcome: how the run is over there; empty where it goes on.
             reason: why, then.
         """
@@ -249,13 +260,13 @@ class Holder:
         if epoch is None:
             reason = f"the bridge of space {sent.space} does not know it any more"
             return self._close(held, LOST, reason, sent.space, now)
-        if epoch > held.part.epoch:
+        if epoch > held.part.epoch and left_out:
             reason = f"its token was adopted: the bridge of space {sent.space} has epoch {epoch} of it"
             return self._close(held, ADOPTED, reason, sent.space, now)
         if outcome:
             return self._close(held, outcome, reason, sent.space, now)
         held.asks.discard(sent.space)
-        return self._no_doubt(sent.run_id, now)
+        return self._no_doubt(sent.run_id, now) if epoch <= held.part.epoch else []
 
     def refused(self, sent: SendToken) -> None:
         """A bridge has not taken a token: it is asked whether it was adopted."""
@@ -368,7 +379,8 @@ class Holder:
                 continue
             is_in_doubt = held.part.run_id in self.in_doubt
             asked = held.part.spaces if is_in_doubt else sorted(held.asks)
-            yield from [AskEpoch(held.part.run_id, space) for space in asked if space != self._space]
+            epoch, others = held.part.epoch, [space for space in asked if space != self._space]
+            yield from [AskEpoch(held.part.run_id, space, epoch) for space in others]
             for place, over in held.over.items() if not is_in_doubt else ():
                 for road in held.roads(place, over):
                     if (place, road.segment, road.slot) not in held.handed:

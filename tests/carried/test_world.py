@@ -75,6 +75,7 @@ def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
     assert sum(bool(world.still) for world in carried) >= 5
     assert sum(world.offs[0].is_done for world in carried) >= 5
     assert sum(world.adoptions > 1 for world in carried) >= 2
+    assert sum(off.is_both and off.is_done for world in carried for off in world.offs) >= 1
 
 
 def is_found(seeds: int = WRONG, **wrong: Any) -> bool:

@@ -201,6 +201,8 @@ class _Epoch(NamedTuple):
     epoch: int
     left_out: bool
     """Whether who has asked has no part of it."""
+    doubt: bool
+    """Whether it was away itself."""
     outcome: str
     """How the run is over there; empty where it goes on."""
     reason: str
@@ -209,8 +211,9 @@ class _Epoch(NamedTuple):
 def _epoch_in(result: bytes) -> _Epoch:
     (packed,) = unpack(result)
     words = decode_words(bytes(packed.value or b""))
-    left_out, over = bool(words.get("left_out", True)), (str(words.get(name, "")) for name in ("outcome", "reason"))
-    return _Epoch(int(words.get("epoch", 0)), left_out, *over)
+    outcome, reason = (str(words.get(name, "")) for name in ("outcome", "reason"))
+    left_out, doubt = bool(words.get("left_out", True)), bool(words.get("doubt"))
+    return _Epoch(int(words.get("epoch", 0)), left_out, doubt, outcome, reason)
 
 
 def _space(sent: Send) -> int:

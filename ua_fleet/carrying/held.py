@@ -58,6 +58,8 @@ class HeldRun:
     """Rounds of adopted segments that are over, with all before them."""
     asks: set[int] = field(default_factory=set[int])
     """Bridges that have refused a token, and are asked whether it was adopted. Not written down."""
+    doubters: set[int] = field(default_factory=set[int])
+    """Bridges that were away as well, and have the same epoch. Not written down."""
     stale: str = ""
     """Who has sent a token of an epoch before, for people. Not written down."""
     again_at: float | None = None
@@ -245,11 +247,12 @@ class HeldRun:
         before, self.part = self.part, adoption.part
         self.adoptions.append(adoption)
         self.asks.clear()
+        self.doubters.clear()
         lost = {
             (segment.number, road.segment, road.slot)
             for segment in before.segments.values()
             for road in segment.roads
-            if road.space == adoption.gone
+            if road.space in adoption.gone
         }
         self.handed = {key for key in self.handed if (key[0].number, *key[1:]) not in lost}
         adopted = {number: one for number, one in self.part.segments.items() if number not in before.segments}

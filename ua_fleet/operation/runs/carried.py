@@ -9,6 +9,7 @@
               a bridge is silent, and an operator says that it is off --> adopting
               an operator aborts it ---------------------------------------> closing
     adopting  the bridges that are left get their parts anew, with the next epoch; then the heir --all have--> following
+              one of them is silent too, and an operator says that it is off --> adopting, without both
               one does not take it, and says that the run is over -----------> following
     closing   each bridge is told the end --all have acknowledged----------> ended
 
@@ -29,6 +30,7 @@ from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, UaFleetError
 from ua_fleet.operation.log import Log, MistakeLog
+from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.operation.runs.carried_adoption import Adoptions, plan_view
 from ua_fleet.operation.runs.carried_questions import BridgesAnswered, CarriedQuestions, is_good
 from ua_fleet.operation.runs.carried_state import AskedBridge, CarriedPhase, FollowedRun
@@ -404,12 +406,12 @@ class CarriedRuns:
                 word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.count)
             case _:
                 return
-        phase, is_paused = run.phase, run.is_paused
+        phase, adopting, is_paused = run.phase, run.adopting, run.is_paused
 
         def told(outcome: RequestOutcome) -> None:
             if word is Word.PAUSE and is_good(outcome):
                 asked.has_pause = is_paused == run.is_paused
-            self._answered(run, phase, space, word, outcome)
+            self._answered(run, (phase, adopting), space, word, outcome)
 
         asked.is_asked = self._ask(space, word, content, told)
         if not asked.is_asked:
@@ -437,8 +439,15 @@ class CarriedRuns:
         heard_s = min(HEARD_FOLLOW_S, adopt_s / 2) if adopt_s else HEARD_FOLLOW_S
         return self._follow_s * max(1.0, heard_s / FOLLOW_S) if asked.is_heard else self._follow_s
 
-    def _answered(self, run: FollowedRun, phase: CarriedPhase, space: int, word: Word, outcome: RequestOutcome) -> None:
-        asked, report = run.bridges.get(space), outcome.report
+    def _answered(
+        self,
+        run: FollowedRun,
+        asked_in: tuple[CarriedPhase, Adopting | None],
+        space: int,
+        word: Word,
+        outcome: RequestOutcome,
+    ) -> None:
+        asked, report, (phase, adopting) = run.bridges.get(space), outcome.report, asked_in
         if run.run_id not in self._runs or asked is None:
             return  # it was left out meanwhile
         asked.is_away = outcome.kind in (OutcomeKind.UNKNOWN, OutcomeKind.TIMED_OUT)
@@ -446,15 +455,17 @@ class CarriedRuns:
             asked.answered_at = self._clock()
         has_time = word is Word.FETCH and phase is run.phase
         asked.is_asked, asked.next_at = False, self._clock() + (self._follow_after_s(asked) if has_time else 0.0)
-        asked.has_refused = word is Word.ADOPT and outcome.kind is OutcomeKind.REFUSED
+        is_now = adopting is run.adopting  # else another bridge was left out as well since
+        asked.has_refused = word is Word.ADOPT and is_now and outcome.kind is OutcomeKind.REFUSED
         if is_good(outcome):
             asked.problem = ""
             if word is Word.FETCH:
                 self._take_page(run, asked, report.result)
             elif word is Word.ADOPT and run.adopting is not None:
-                run.adopting.take(space, report.result)
-                asked.is_done = True
-                run.bridges[run.adopting.said.heir].next_at = 0.0  # it may be the last one now
+                if is_now:
+                    run.adopting.take(space, report.result)
+                    asked.is_done = True
+                    run.bridges[run.adopting.said.heir].next_at = 0.0  # it may be the last one now
             elif phase is run.phase:
                 asked.is_done = True
         else:

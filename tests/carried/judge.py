@@ -148,7 +148,7 @@ def _paused(world: World) -> list[str]:
 
 def _was_assigned(world: World, step: str, before: float) -> bool:
     """Whether an engine had begun a step by then: a process that was killed meanwhile asks the robot again."""
-    lines = [line for bridge in world.bridges.values() for each in bridge.segments.values() for line in each]
+    lines = [line for bridge in world.bridges.values() for each in bridge.all_segments.values() for line in each]
     facts = [decode_fact(line) for line in lines]
     return any(isinstance(fact, TaskAssigned) and fact.step == step and fact.at < before for fact in facts)
 

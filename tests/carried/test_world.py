@@ -71,6 +71,7 @@ def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
         world.run()
     assert sum(world.kills for world in carried) >= 60
     assert sum(world.refused for world in carried) >= 60
+    assert sum(world.compacted > 0 for world in carried) >= 5
     assert sum(world.server_dies_at < 900 for world in carried) >= 15
     assert sum(bool(world.still) for world in carried) >= 5
     assert sum(world.offs[0].is_done for world in carried) >= 5

@@ -47,6 +47,7 @@ from ua_fleet.carrying.adoption import (
     needed_places,
     plan_without,
 )
+from ua_fleet.carrying.compacting import forgotten_segments, superseded
 from ua_fleet.carrying.effects import Carry, fact_before
 from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
 from ua_fleet.carrying.part import PartSegment
@@ -220,6 +221,9 @@ class Bridge:
         self.lines: list[str] = []
         self.segments: dict[str, list[str]] = {}
         """What is on its disk."""
+        self.archive: dict[str, list[str]] = {}
+        """Segments that are not on its disk any more: the server may have fetched them."""
+        self.compacting = Random(f"compacting {world.seed} {space}")
         self.is_open = False
         self.unwritten: list[Callable[[], None]] = []
         self.is_up, self.life = True, 0
@@ -381,6 +385,23 @@ class Bridge:
             way = way_taken(self.engine.scenarios[key], run.state) if is_done else True
             self.do(self.holder.segment_ended(run_id, place, self.world.now, failed=failed, results=results, way=way))
 
+    def compact(self) -> None:
+        """Forget now and then what the journals need no more, in one transaction."""
+        held = self.holder.runs.get(RUN)
+        if held is None or self.unwritten or self.compacting.random() < 0.7:
+            return
+        gone = set(superseded(held, [decode_carry_fact(line) for line in self.lines]))
+        self.lines[:] = [line for number, line in enumerate(self.lines) if number not in gone]
+        self.world.compacted += len(gone)
+        for key in forgotten_segments(held, list(self.segments)):
+            self.archive[key] = self.segments.pop(key)
+            self.engine.runs.pop(key, None)
+
+    @property
+    def all_segments(self) -> dict[str, list[str]]:
+        """The facts of segments that were on its disk ever."""
+        return self.archive | self.segments
+
     def tick(self) -> None:
         """Each half second: time, what lazy writers write, what is not acknowledged."""
         if self.is_up:
@@ -393,6 +414,7 @@ class Bridge:
             self.unwritten = []
         if not self.is_up:
             return
+        self.compact()
         for sent in list(self.holder.to_send()):
             self.world.say(self, sent)
 
@@ -491,7 +513,7 @@ class Off:
         random, found = Random(f"fetched {self.world.seed} {self.epoch}"), list[FilledSlot]()
         for space in self.parts:
             own = [one for one in parts[space].segments.values() if self.world.plan.segments[one.number].space == space]
-            lines = [line for one in self.world.bridges[space].segments.values() for line in one]
+            lines = [line for one in self.world.bridges[space].all_segments.values() for line in one]
             fetched = [decode_fact(line) for line in lines]
             fetched.sort(key=lambda fact: fact.at)
             found += begun_slots(own, fetched[: random.choice((random.randint(0, len(fetched)), len(fetched)))])
@@ -501,7 +523,7 @@ class Off:
         """What the server has fetched before it was off, which may not be all; and what robots have done in truth."""
         done = [one.step for one in self.world.robots.begun if not one.fails]
         fetched: list[Fact] = []
-        for lines in victim.segments.values():
+        for lines in victim.all_segments.values():
             fetched += [decode_fact(line) for line in lines[: self.random.randint(0, len(lines))]]
         fetched.sort(key=lambda fact: fact.at)
         facts: dict[SegmentRound, tuple[str, ...]] = {}
@@ -559,6 +581,7 @@ class World:
         """
         self.random = Random(seed)
         self.seed, self.now, self.is_lazy, self.kills = seed, 0.0, is_lazy, 0
+        self.compacted = 0
         self.forgets, self.forgets_again = forgets, forgets_again
         self.full, self.refused = Random(f"full {seed}"), 0
         self.full_rate = self.full.choice((0.0, 0.0, 0.05, 0.3))

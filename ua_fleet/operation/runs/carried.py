@@ -300,7 +300,7 @@ class CarriedRuns:
         if run is None or asked is None:
             return
         asked.is_heard = True
-        is_new = values[RUN_DATA_COUNT] > asked.count or (values[-1] and not asked.is_complete)
+        is_new = values[RUN_DATA_COUNT] > asked.told or (values[-1] and not asked.is_complete)
         if is_new and run.phase is CarriedPhase.FOLLOWING:
             asked.next_at = min(asked.next_at, self._clock() + NEWS_S)
             self._sooner()
@@ -391,7 +391,7 @@ class CarriedRuns:
             case CarriedPhase.BEGINNING if space == run.first and not asked.is_done:
                 word, content = Word.TOKEN, run.token
             case CarriedPhase.ADOPTING if asked.has_refused:
-                word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.count)
+                word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.last)
             case CarriedPhase.ADOPTING if run.adopting and not asked.is_done and run.adopting.may_be_told(space):
                 word, content = Word.ADOPT, run.adopting.content_for(space)
             case CarriedPhase.ADOPTING if not asked.is_done:
@@ -403,7 +403,7 @@ class CarriedRuns:
             case CarriedPhase.FOLLOWING if not asked.has_pause:
                 word, content = Word.PAUSE, encode_words(run=run.run_id, paused=run.is_paused, by=run.paused_by)
             case CarriedPhase.FOLLOWING | CarriedPhase.CLOSING:
-                word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.count)
+                word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.last)
             case _:
                 return
         phase, adopting, is_paused = run.phase, run.adopting, run.is_paused
@@ -480,7 +480,6 @@ class CarriedRuns:
         (packed,) = unpack(result)
         words = decode_words(zlib.decompressobj().decompress(packed.value, MOST_JSON_BYTES), most=MOST_JSON_BYTES)
         for line in words["facts"]:
-            asked.count += 1
             fact = decode_fact(line)
             is_ours = not isinstance(fact, _OF_SEGMENTS) and getattr(fact, "step", "x").partition("@")[0] != ""
             if is_ours and (line := encode_fact(fact)) not in run.known:
@@ -488,7 +487,8 @@ class CarriedRuns:
                 run.fetched_at = run.fetched_at if run.fetched else self._clock()
                 run.fetched.append(fact)
         run.decided += words.get("decisions", ())
-        has_all = asked.count >= words["count"]
+        asked.last, has_all = int(words["last"]), not words["more"]
+        asked.told = int(words["told"]) if has_all else asked.told
         asked.is_caught_up = asked.is_caught_up or has_all
         # One that does not know yet that the run is over may have had a token since, and begun something.
         asked.is_complete = has_all and not words["active"] and words["closed"] is not None

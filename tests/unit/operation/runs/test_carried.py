@@ -67,7 +67,8 @@ def answer(content: bytes = b"") -> RequestOutcome:
 
 def page(*facts: str, closed: str = "") -> RequestOutcome:
     """What a bridge says that has these facts, and whose run has ended so."""
-    words: dict[str, Any] = {"facts": facts, "count": len(facts), "active": [], "waits": "", "decisions": []}
+    words: dict[str, Any] = {"facts": facts, "last": len(facts), "more": False, "told": len(facts)}
+    words |= {"active": [], "waits": "", "decisions": []}
     words["closed"] = [50.0, closed, ""] if closed else None
     return answer(zlib.compress(encode_words(**words)))
 

@@ -143,12 +143,12 @@ class Outbox:
             if isinstance(sent, SendToken):
                 unsaid.told(lambda holder, now: holder.handed_over(sent, now))
             elif isinstance(sent, AskEpoch):
-                said = _epoch_in(report.result)
-                if said.epoch > sent.epoch and not said.left_out and not said.outcome:
+                told = _epoch_in(report.result)
+                if told.epoch > sent.epoch and not told.left_out and not told.outcome:
                     self._unsaid[key] = unsaid  # it is asked again, and not at once
-                    why = f"the bridge of space {sent.space} has epoch {said.epoch}, and this one {sent.epoch} still"
+                    why = f"the bridge of space {sent.space} has epoch {told.epoch}, and this one {sent.epoch} still"
                     self._later(unsaid, why, self._ground.loop.time())
-                unsaid.told(lambda holder, now: holder.told_epoch(sent, now=now, **said._asdict()))
+                unsaid.told(lambda holder, now: holder.told_epoch(sent, now=now, **told._asdict()))
             else:
                 unsaid.told(lambda holder, now: holder.end_told(sent, now))
         else:

@@ -407,7 +407,7 @@ class _Carrier:
         scenario = segment_scenario(part.scenario, effect.segment.body, effect.rounds, values, effect.outside)
         facts = [decode_fact(line) for line in effect.facts]
         run_id = segment_run(effect.run_id, SegmentRound(effect.segment.number, effect.rounds))
-        engine.begin_segment(run_id, scenario, part.by, facts)
+        engine.begin_segment(run_id, scenario, part.by, facts, effect.stand_ins)
 
     def _tell_engine(self, engine: SegmentEngine, effect: Stop | Pause) -> None:
         for place in effect.places:
@@ -484,6 +484,7 @@ class _Carrier:
             records = self._open()
             if self._engine is not None:
                 self._engine.forget(records.segments_of(run_id))
+                self._engine.forget_run(run_id)
             records.forget(run_id)
             self._holder.forget(run_id)
             self._written.pop(run_id, None)

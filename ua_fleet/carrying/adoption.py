@@ -86,6 +86,8 @@ class Adoption:
     """Of tasks, by `task.result`, as far as the server knows them."""
     facts: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     """Lines of facts of each segment that is adopted, by its place as a text."""
+    stand_ins: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
+    """Who stands in for robots, by their names and then the capacities for which."""
 
 
 def plan_without(plan: Plan, gone: int, heir: int) -> Plan:
@@ -372,6 +374,7 @@ def encode_adoption(adoption: Adoption, part: bytes) -> bytes:
         "filled": encode_filled(adoption.filled),
         "results": dict(adoption.results),
         "facts": dict(adoption.facts),
+        **({"stand_ins": dict(adoption.stand_ins)} if adoption.stand_ins else {}),
     }
     packed = zlib.compress(json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode(), 9)
     if len(packed) > MOST_PART_BYTES:
@@ -396,6 +399,7 @@ def decode_adoption(content: bytes) -> Adoption:
             decode_filled(data["filled"]),
             dict(data["results"]),
             {str(place): tuple([str(line) for line in lines]) for place, lines in data["facts"].items()},
+            {str(robot): dict(by_capacity) for robot, by_capacity in data.get("stand_ins", {}).items()},
         )
     except UNREADABLE as error:
         raise PartInvalid(f"an adoption cannot be read: {error!r}") from error

@@ -195,7 +195,8 @@ class HeldRun:
         segment = part.segments[place.number]
         outside = tuple([part.segments[heard.mailbox].tells for heard in segment.hears])
         facts = next((one.facts[str(place)] for one in self.adoptions if str(place) in one.facts), ())
-        return Begin(part.run_id, segment, place.rounds, self.values(place), outside, facts)
+        stand_ins = self.adoptions[-1].stand_ins if self.adoptions else {}
+        return Begin(part.run_id, segment, place.rounds, self.values(place), outside, facts, stand_ins)
 
     def tells(self, place: SegmentRound) -> list[Tell]:
         """What a segment hears of other branches, as far as it is known."""

@@ -28,6 +28,7 @@ __all__ = [
     "RunOutcome",
     "RunPaused",
     "RunResumed",
+    "StandInTold",
     "StepEnded",
     "StepStarted",
     "StepState",
@@ -288,6 +289,17 @@ class OutsideTold:
 
 
 @dataclass(frozen=True, slots=True)
+class StandInTold:
+    """A part of a carried run is told who stands in for a robot, as another part has chosen."""
+
+    at: float
+    failed: str
+    robot: str
+    capacity: str = ""
+    """It stands in for tasks that need this; empty: for all."""
+
+
+@dataclass(frozen=True, slots=True)
 class StepEnded:
     """A step is over."""
 
@@ -348,6 +360,7 @@ Fact = (
     | ReplacementWanted
     | Replaced
     | RobotReturned
+    | StandInTold
     | EventSeen
     | OutsideTold
     | StepEnded

@@ -60,7 +60,7 @@ class Bridge:
         ground = CarryGround(
             self.publisher,
             self.subscriber,
-            cast("Any", None),
+            cast("Any", SimpleNamespace(hear=lambda _events, _now: None)),
             cast("Any", SimpleNamespace()),
             Counters(),
             self.mistakes,

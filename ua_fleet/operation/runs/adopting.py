@@ -31,6 +31,8 @@ class Adopting:
     """What is known of them."""
     begun: Sequence[FilledSlot]
     """Tokens that the others have, or newer ones, as facts of theirs say."""
+    stand_ins: Mapping[str, Mapping[str, str]]
+    """Who stands in for robots, as far as was fetched."""
     filled: dict[int, tuple[FilledSlot, ...]] = field(default_factory=dict[int, tuple[FilledSlot, ...]])
     """What the others have, by their spaces."""
 
@@ -50,7 +52,7 @@ class Adopting:
         if space == self.said.heir:
             filled = tuple([slot for slots in self.filled.values() for slot in slots])
             facts = needed_places(self.segments, self.facts, (*filled, *self.begun))
-            adoption = Adoption(part, self.gone, self.said.by, filled, self.results, facts)
+            adoption = Adoption(part, self.gone, self.said.by, filled, self.results, facts, self.stand_ins)
         return encode_adoption(adoption, encode_part(part))
 
     def take(self, space: int, result: bytes) -> None:

@@ -225,4 +225,4 @@ class Adoptions:
         }
         results = {f"{task}.{name}": value for task, given in state.results.items() for name, value in given.items()}
         new = parts(plan_without_all(plan, gone, said.heir), epoch + 1)
-        return Adopting(said, new, results, segments, known, begun_slots(own, facts))
+        return Adopting(said, new, results, segments, known, begun_slots(own, facts), state.stand_ins)

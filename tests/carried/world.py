@@ -113,6 +113,10 @@ class Robots:
     begun: list[Begun] = field(default_factory=list[Begun])
     by_id: dict[str, Begun] = field(default_factory=dict[str, Begun])
 
+    def has(self, effect: StartTask, attempt: int) -> bool:
+        """Whether an execution was begun."""
+        return self.identity(effect, attempt) in self.by_id
+
     def begin(self, effect: StartTask, attempt: int, now: float) -> Begun:
         """Begin an execution, or find what is known of it."""
         key = self.identity(effect, attempt)
@@ -188,10 +192,12 @@ class Engine:
 
     def start(self, run_id: str, effect: StartTask) -> None:
         """Have a robot begin, and tell its end."""
-        if not self.works(effect.robot):
+        attempt = self.runs[run_id].state.tasks[effect.step].attempt
+        # What a robot has begun before its bridge went off is not known, so that a person is asked, who sees it.
+        is_asked = robot_space(effect.robot) in self.gone and self.robots.has(effect, attempt)
+        if not self.works(effect.robot) and not is_asked:
             self.later(0.0, partial(self.end, run_id, effect, TaskOutcome.FAULT, {}))
             return
-        attempt = self.runs[run_id].state.tasks[effect.step].attempt
         begun = self.robots.begin(effect, attempt, self.now())
         took_s = 0.2 + zlib.crc32(begun.execution.encode()) % 30 / 10
         begun.ended = begun.ended or begun.at + took_s
@@ -438,10 +444,13 @@ class Off:
         self.adopted: float | None = None
         """When the person has said it."""
         self.filled: dict[int, tuple[FilledSlot, ...]] = {}
-        self.is_done = False
+        self.is_done: bool = False
         self.plan: Plan = world.plan
         self.parts: Mapping[int, Part] = {}
         """What the others get."""
+        self.first_plan: Plan = world.plan
+        self.first_parts: Mapping[int, Part] = {}
+        """Those before it, and before all that are left out with it."""
         self.heir = 0
         self.gone: tuple[int, ...] = (self.space,)
         self.segments: dict[int, PartSegment] = {}
@@ -474,6 +483,7 @@ class Off:
             is_needed = not all(one.holder.runs[RUN].closed for one in world.bridges.values() if RUN in one.holder.runs)
             if not is_needed or not self.at + ADOPT_S + 5.0 <= world.now < self.until or victim.is_up:
                 return
+            self.adopted = world.now
             self._leave_out(victim)
             world.next_off()
         for space, part in self.parts.items():
@@ -491,8 +501,8 @@ class Off:
     def _leave_out(self, victim: Bridge) -> None:
         """A person has said that it is off."""
         world, before = self.world, self.before
-        self.adopted = world.now
-        parts, plan = (world.parts, world.plan) if before is None else (before.parts, before.plan)
+        parts: Mapping[int, Part] = world.parts if before is None else before.parts
+        plan = world.plan if before is None else before.plan
         if before is not None and not before.is_done:  # both as one, from the plan before both
             before.is_superseded, self.gone = True, (*before.gone, self.space)
             plan, parts = before.first_plan, before.first_parts

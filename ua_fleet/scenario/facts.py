@@ -126,7 +126,7 @@ class RunAdopted:
     space: int
     """Of the bridge that is off."""
     heir: int
-    """Of the one that goes on."""
+    """Of the one that goes on; 0: none does, and the run ends without the bridge, which is told when it answers."""
     done: Sequence[str]
     """Tasks that its robots have done, as the person says, although nobody has told so."""
     by: str

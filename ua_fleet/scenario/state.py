@@ -140,6 +140,8 @@ class RunState:
     closing: RunClosing | None = None
     carried: tuple[int, ...] = ()
     """The spaces of the bridges that carry the run; none: the server does it."""
+    untold: tuple[int, ...] = ()
+    """Those of bridges that are off, without which the run ends."""
     outside: dict[str, bool] = field(default_factory=dict[str, bool])
     """Whether tasks of other branches, which other parts of a carried run do, are done; False: they will not be."""
     outcome: RunOutcome | None = None
@@ -185,6 +187,7 @@ class RunState:
                 self.carried = tuple(fact.spaces)
             case RunAdopted():
                 self.carried = tuple([space for space in self.carried if space != fact.space])
+                self.untold += () if fact.heir else (fact.space,)
             case StepStarted():
                 self.started[fact.step] = fact.at
             case BranchTaken():

@@ -99,16 +99,9 @@ class Adoptions:
         Raises:
             ScenarioError: the bridge has answered a moment ago, none can go on, or the plan is another one.
         """
-        space = next((space for space in run.bridges if self._names[space] == bridge), None)
         before = run.adopting if run.phase is CarriedPhase.ADOPTING else None
         is_possible = run.phase is CarriedPhase.FOLLOWING or before is not None
-        if space is None or not is_possible or run.closed is not None:
-            raise ScenarioError(f"run {run.run_id} is {run.phase.value}, and {bridge[:80]!r} cannot be left out")
-        silent_s = self._clock() - run.bridges[space].answered_at
-        if silent_s < self._after_s:
-            raise ScenarioError(
-                f"{bridge} has answered {silent_s:.0f} s ago, and can be left out after {self._after_s:g} s"
-            )
+        space = self.silent(run, bridge, is_possible=is_possible and run.closed is None)
         if before is not None and not self._is_silent(run, space):  # one that knows it already is not asked now
             raise ScenarioError(f"{bridge} knows that another one is off; see whether it answers once all others do")
         facts = self._service.facts_of(run.run_id)
@@ -120,9 +113,21 @@ class Adoptions:
         made.content_for(heir)  # refuses what is too large, before anything is written down
         return made
 
+    def silent(self, run: FollowedRun, bridge: str, *, is_possible: bool = True) -> int:
+        """The space of a bridge that has not answered for long; raises ScenarioError where it has."""
+        space = next((space for space in run.bridges if self._names[space] == bridge), None)
+        if space is None or not is_possible:
+            raise ScenarioError(f"run {run.run_id} is {run.phase.value}, and {bridge[:80]!r} cannot be left out")
+        silent_s = self._clock() - run.bridges[space].answered_at
+        if silent_s < self._after_s:
+            raise ScenarioError(
+                f"{bridge} has answered {silent_s:.0f} s ago, and can be left out after {self._after_s:g} s"
+            )
+        return space
+
     def again(self, run_id: str, facts: Sequence[Fact]) -> Adopting | None:
         """After a restart: what bridges are to be told last, which may know it; None where none was left out."""
-        numbers = [number for number, fact in enumerate(facts) if isinstance(fact, RunAdopted)]
+        numbers = [number for number, fact in enumerate(facts) if isinstance(fact, RunAdopted) and fact.heir]
         if not numbers:
             return None
         said = facts[numbers[-1]]
@@ -145,6 +150,9 @@ class Adoptions:
                 f"{silent}; the run goes on without {gone} once {name} knows it: start {name}, or abort it: {abort}; if"
                 f" it is off for good too: ua-fleet scenario adopt {run.run_id} {name} --off"
             )
+        if run.phase is CarriedPhase.CLOSING and not run.bridges[space].is_done:
+            leave = f"ua-fleet scenario adopt {run.run_id} {name} --off"
+            return f"{silent}; if it is off for good, have the run end without it: {leave}"
         if run.phase is not CarriedPhase.FOLLOWING or len(run.bridges) == 1:
             return ""
         return (
@@ -172,7 +180,7 @@ class Adoptions:
     @staticmethod
     def _plan_now(plan: Plan, facts: Sequence[Fact]) -> tuple[Plan, int]:
         """What has become of it with each bridge that was left out since, and the epoch."""
-        adopted = [fact for fact in facts if isinstance(fact, RunAdopted)]
+        adopted = [fact for fact in facts if isinstance(fact, RunAdopted) and fact.heir]
         for each in adopted:
             plan = plan_without_all(plan, (*each.also, each.space), each.heir)
         return plan, 1 + len(adopted)

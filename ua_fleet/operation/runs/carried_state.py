@@ -79,6 +79,8 @@ class FollowedRun:
     """What bridges have told of their decisions, which is shown after their facts."""
     fetched_at: float = 0.0
     """When the first of them came, by the monotonic clock."""
+    late: dict[int, AskedBridge] = field(default_factory=dict[int, AskedBridge])
+    """Bridges that are off, without which the run ends: they are told when they answer."""
     known: set[str] = field(default_factory=set[str])
     """Facts that are in the journal already, as lines."""
     shown: str = ""

@@ -356,6 +356,56 @@ def test_no_bridge_that_answers_may_be_the_heir(world: Carried) -> None:
         world.carried.adopt(run_id, "c1", (), "anna")
 
 
+def test_a_run_that_nobody_can_go_on_with_ends_without_the_bridges_that_are_off(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 2)
+    run_id = world.begin()
+    world.bridges.off |= {300, 301}
+    world.go(AWAY_S + 10)
+    with pytest.raises(ScenarioError, match=f"abort it: ua-fleet scenario abort {run_id}"):
+        world.carried.adopt(run_id, "c1", (), "anna")
+    world.carried.abort(run_id, "", "anna")
+    world.go(AWAY_S + 10)
+    assert world.carried.has(run_id), "it waits for both"
+    assert f"have the run end without it: ua-fleet scenario adopt {run_id} c0 --off" in world.reason()
+    assert world.carried.adopt(run_id, "c0", (), "anna") == ""
+    world.go(1.0)
+    assert world.carried.has(run_id), "it waits for the other one"
+    assert world.carried.adopt(run_id, "c1", (), "anna") == ""
+    world.go(1.0)
+    assert not world.carried.has(run_id)
+    (ended,) = world.facts(RunEnded)
+    assert ended.outcome is RunOutcome.ABORTED
+    assert "c0 and c1 did not know it" in ended.reason
+    assert world.asked(11.0).count((300, Word.END)) == 2, "each 5 s"
+    world.bridges.off.discard(300)
+    world.go(6.0)
+    ends = [
+        decode_words(content) for space, word, content in world.bridges.contents if (space, word) == (300, Word.END)
+    ]
+    assert ends[-1]["outcome"] == "aborted"
+    asked = world.asked(11.0)
+    assert (300, Word.END) not in asked, "it knows it now"
+    assert (301, Word.END) in asked
+    assert not world.mistakes.count, world.mistakes.text()
+
+
+def test_a_server_that_is_started_again_tells_the_end_to_a_bridge_that_was_off(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 2)
+    run_id = world.begin()
+    world.bridges.off |= {301}
+    world.carried.abort(run_id, "enough", "anna")
+    world.go(AWAY_S + 10)
+    world.carried.adopt(run_id, "c1", (), "anna")
+    world.go(1.0)
+    assert not world.carried.has(run_id)
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    again.go(6.0)
+    (told,) = [content for space, word, content in again.bridges.contents if (space, word) == (301, Word.END)]
+    assert decode_words(told) == {"run": run_id, "outcome": "aborted", "reason": "enough"}
+    assert again.asked(11.0) == [], "it knows it now"
+
+
 def test_an_adoption_that_waits_for_a_bridge_says_so(world: Carried) -> None:
     run_id = world.begin()
     world.bridges.off.add(301)

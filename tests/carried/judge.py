@@ -6,6 +6,7 @@ from itertools import pairwise, takewhile
 
 from tests.carried.world import RUN, World, orchestrated
 from ua_fleet.carrying import SegmentRound
+from ua_fleet.carrying.holder import ADOPTED
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.facts import TaskAssigned, decode_fact
 from ua_fleet.scenario.model import Condition, Parallel, Repeat, Sequence, Step, Task
@@ -15,7 +16,7 @@ __all__ = ["problems_of"]
 
 def problems_of(world: World) -> list[str]:
     """All that is wrong with a world that has run."""
-    found = _not_over(world) + _twice(world) + _order(world) + _paused(world)
+    found = _not_over(world) + _twice(world) + _order(world) + _paused(world) + _parked(world)
     if found or _stays_paused(world) or _waits_for_people(world) or world.adoptions:
         return found
     return _otherwise(world)
@@ -45,6 +46,17 @@ def _not_over(world: World) -> list[str]:
     if not world.robots.begun and all(held is None or held[0] or not held[1] for held in states.values()):
         return []  # nothing begun: the reservations end with their lease
     return [f"it has not ended: {states}"]
+
+
+def _parked(world: World) -> list[str]:
+    """Only a bridge that a person has had left out parks what it has; and the others get the run to its end."""
+    left_out = {off.space for off in world.offs if off.adopted is not None}
+    return [
+        f"the bridge of space {space} was not left out, and has parked the run: {held.closed.reason}"
+        for space, bridge in world.bridges.items()
+        if (held := bridge.holder.runs.get(RUN)) and held.closed and held.closed.outcome == ADOPTED
+        if space not in left_out
+    ]
 
 
 def _twice(world: World) -> list[str]:
@@ -136,7 +148,7 @@ def _paused(world: World) -> list[str]:
 
 def _was_assigned(world: World, step: str, before: float) -> bool:
     """Whether an engine had begun a step by then: a process that was killed meanwhile asks the robot again."""
-    lines = [line for bridge in world.bridges.values() for each in bridge.segments.values() for line in each]
+    lines = [line for bridge in world.bridges.values() for each in bridge.all_segments.values() for line in each]
     facts = [decode_fact(line) for line in lines]
     return any(isinstance(fact, TaskAssigned) and fact.step == step and fact.at < before for fact in facts)
 

@@ -71,10 +71,12 @@ def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
         world.run()
     assert sum(world.kills for world in carried) >= 60
     assert sum(world.refused for world in carried) >= 60
+    assert sum(world.compacted > 0 for world in carried) >= 5
     assert sum(world.server_dies_at < 900 for world in carried) >= 15
     assert sum(bool(world.still) for world in carried) >= 5
     assert sum(world.offs[0].is_done for world in carried) >= 5
     assert sum(world.adoptions > 1 for world in carried) >= 2
+    assert sum(off.is_both and off.is_done for world in carried for off in world.offs) >= 1
 
 
 def is_found(seeds: int = WRONG, **wrong: Any) -> bool:

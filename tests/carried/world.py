@@ -10,7 +10,7 @@ import heapq
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import partial, reduce
 from itertools import count
 from random import Random
 from typing import Any, Final
@@ -47,8 +47,10 @@ from ua_fleet.carrying.adoption import (
     needed_places,
     plan_without,
 )
+from ua_fleet.carrying.compacting import forgotten_segments, superseded
 from ua_fleet.carrying.effects import Carry, fact_before
 from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
+from ua_fleet.carrying.part import PartSegment
 from ua_fleet.carrying.segment_scenario import decode_scenario, segment_scenario, way_taken
 from ua_fleet.errors import ScenarioError, StorageUnavailable
 from ua_fleet.scenario import Run, Scenario, Value, ValueUnknown
@@ -110,6 +112,10 @@ class Robots:
     identity: Callable[[StartTask, int], str] = lambda effect, _attempt: f"{effect.robot}/{effect.execution_id}"
     begun: list[Begun] = field(default_factory=list[Begun])
     by_id: dict[str, Begun] = field(default_factory=dict[str, Begun])
+
+    def has(self, effect: StartTask, attempt: int) -> bool:
+        """Whether an execution was begun."""
+        return self.identity(effect, attempt) in self.by_id
 
     def begin(self, effect: StartTask, attempt: int, now: float) -> Begun:
         """Begin an execution, or find what is known of it."""
@@ -186,10 +192,12 @@ class Engine:
 
     def start(self, run_id: str, effect: StartTask) -> None:
         """Have a robot begin, and tell its end."""
-        if not self.works(effect.robot):
+        attempt = self.runs[run_id].state.tasks[effect.step].attempt
+        # What a robot has begun before its bridge went off is not known, so that a person is asked, who sees it.
+        is_asked = robot_space(effect.robot) in self.gone and self.robots.has(effect, attempt)
+        if not self.works(effect.robot) and not is_asked:
             self.later(0.0, partial(self.end, run_id, effect, TaskOutcome.FAULT, {}))
             return
-        attempt = self.runs[run_id].state.tasks[effect.step].attempt
         begun = self.robots.begin(effect, attempt, self.now())
         took_s = 0.2 + zlib.crc32(begun.execution.encode()) % 30 / 10
         begun.ended = begun.ended or begun.at + took_s
@@ -219,6 +227,9 @@ class Bridge:
         self.lines: list[str] = []
         self.segments: dict[str, list[str]] = {}
         """What is on its disk."""
+        self.archive: dict[str, list[str]] = {}
+        """Segments that are not on its disk any more: the server may have fetched them."""
+        self.compacting = Random(f"compacting {world.seed} {space}")
         self.is_open = False
         self.unwritten: list[Callable[[], None]] = []
         self.is_up, self.life = True, 0
@@ -380,6 +391,23 @@ class Bridge:
             way = way_taken(self.engine.scenarios[key], run.state) if is_done else True
             self.do(self.holder.segment_ended(run_id, place, self.world.now, failed=failed, results=results, way=way))
 
+    def compact(self) -> None:
+        """Forget now and then what the journals need no more, in one transaction."""
+        held = self.holder.runs.get(RUN)
+        if held is None or self.unwritten or self.compacting.random() < 0.7:
+            return
+        gone = set(superseded(held, [decode_carry_fact(line) for line in self.lines]))
+        self.lines[:] = [line for number, line in enumerate(self.lines) if number not in gone]
+        self.world.compacted += len(gone)
+        for key in forgotten_segments(held, list(self.segments)):
+            self.archive[key] = self.segments.pop(key)
+            self.engine.runs.pop(key, None)
+
+    @property
+    def all_segments(self) -> dict[str, list[str]]:
+        """The facts of segments that were on its disk ever."""
+        return self.archive | self.segments
+
     def tick(self) -> None:
         """Each half second: time, what lazy writers write, what is not acknowledged."""
         if self.is_up:
@@ -392,12 +420,16 @@ class Bridge:
             self.unwritten = []
         if not self.is_up:
             return
+        self.compact()
         for sent in list(self.holder.to_send()):
             self.world.say(self, sent)
 
 
 class Off:
-    """A bridge that is off for long, and what a person has the server do then. `before`: another one was before."""
+    """A bridge that is off for long, and what a person has the server do then. `before`: another one was before.
+
+    Where not all bridges know yet that the one before is off, both are left out as one.
+    """
 
     def __init__(self, world: World, before: Off | None = None) -> None:
         random = Random(f"off {world.seed}" if before is None else f"off again {world.seed}")
@@ -406,16 +438,30 @@ class Off:
         spaces = list(world.bridges if before is None else before.parts)
         self.space = random.choice(spaces)
         soon = random.uniform(2.0, 30.0) if before is None else world.now + random.uniform(0.0, 10.0)
-        self.at = random.choice((END_S * 2, soon)) if len(spaces) > 1 else END_S * 2
+        is_one_left = len(spaces) < (2 if before is None or before.is_done else 3)
+        self.at = END_S * 2 if is_one_left else random.choice((END_S * 2, soon))
         self.until = random.choice((END_S * 2, self.at + random.uniform(15.0, 60.0)))
         self.adopted: float | None = None
         """When the person has said it."""
         self.filled: dict[int, tuple[FilledSlot, ...]] = {}
-        self.is_done = False
+        self.is_done: bool = False
         self.plan: Plan = world.plan
         self.parts: Mapping[int, Part] = {}
         """What the others get."""
+        self.first_plan: Plan = world.plan
+        self.first_parts: Mapping[int, Part] = {}
+        """Those before it, and before all that are left out with it."""
         self.heir = 0
+        self.gone: tuple[int, ...] = (self.space,)
+        self.segments: dict[int, PartSegment] = {}
+        self.facts: dict[SegmentRound, tuple[str, ...]] = {}
+        self.is_superseded = False
+        """Whether another one is left out together with this one."""
+
+    @property
+    def is_both(self) -> bool:
+        """Whether another one is left out together with this one."""
+        return len(self.gone) > 1
 
     def begin(self) -> None:
         """It is off now."""
@@ -431,37 +477,53 @@ class Off:
     def tick(self) -> None:
         """Each half second of the server: it asks the person, and tells all that are left until they have it."""
         world, victim = self.world, self.world.bridges[self.space]
+        if self.is_superseded:
+            return
         if self.adopted is None:
             is_needed = not all(one.holder.runs[RUN].closed for one in world.bridges.values() if RUN in one.holder.runs)
             if not is_needed or not self.at + ADOPT_S + 5.0 <= world.now < self.until or victim.is_up:
                 return
             self.adopted = world.now
-            parts, plan = (world.parts, world.plan) if self.before is None else (self.before.parts, self.before.plan)
-            self.heir = self.random.choice([space for space in parts if space != self.space])
-            self.plan = plan_without(plan, self.space, self.heir)
-            adopt_after_s = 0.0 if world.no_epoch else ADOPT_S
-            self.parts = parts_of(self.plan, RUN, "made", {}, "x", adopt_after_s=adopt_after_s, epoch=self.epoch)
-            self.segments = parts[self.space].segments
-            self.facts = self._facts(victim, parts[self.space])
-            self.begun = self._begun(parts)
+            self._leave_out(victim)
+            world.next_off()
         for space, part in self.parts.items():
             if space != self.heir and space not in self.filled:
-                self._tell(world.bridges[space], Adoption(part, self.space, "x"))
+                self._tell(world.bridges[space], Adoption(part, self.gone, "x"))
         if not self.is_done and self.filled.keys() >= self.parts.keys() - {self.heir}:
             filled = tuple([one for slots in self.filled.values() for one in slots])
             results = {f"{one.task}.out": one.result for one in world.robots.begun if not one.fails}
             facts = needed_places(self.segments, self.facts, (*filled, *self.begun))
-            adoption = Adoption(self.parts[self.heir], self.space, "x", filled, dict(results), facts)
+            adoption = Adoption(self.parts[self.heir], self.gone, "x", filled, dict(results), facts)
             self._tell(world.bridges[self.heir], adoption)
         if world.now > self.adopted + 300.0:
             world.is_closing = True
+
+    def _leave_out(self, victim: Bridge) -> None:
+        """A person has said that it is off."""
+        world, before = self.world, self.before
+        parts: Mapping[int, Part] = world.parts if before is None else before.parts
+        plan = world.plan if before is None else before.plan
+        if before is not None and not before.is_done:  # both as one, from the plan before both
+            before.is_superseded, self.gone = True, (*before.gone, self.space)
+            plan, parts = before.first_plan, before.first_parts
+            self.segments, self.facts = dict(before.segments), dict(before.facts)
+        left = [space for space in parts if space not in self.gone]
+        is_kept = before is not None and before.is_superseded and before.heir in left
+        self.heir = before.heir if before is not None and is_kept else self.random.choice(left)
+        self.first_plan, self.first_parts = plan, parts
+        self.plan = reduce(lambda plan, space: plan_without(plan, space, self.heir), self.gone, plan)
+        adopt_after_s = 0.0 if world.no_epoch else ADOPT_S
+        self.parts = parts_of(self.plan, RUN, "made", {}, "x", adopt_after_s=adopt_after_s, epoch=self.epoch)
+        self.segments |= parts[self.space].segments
+        self.facts |= self._facts(victim, parts[self.space])
+        self.begun = self._begun(parts)
 
     def _begun(self, parts: Mapping[int, Part]) -> list[FilledSlot]:
         """What the server has fetched of the others says of their tokens."""
         random, found = Random(f"fetched {self.world.seed} {self.epoch}"), list[FilledSlot]()
         for space in self.parts:
             own = [one for one in parts[space].segments.values() if self.world.plan.segments[one.number].space == space]
-            lines = [line for one in self.world.bridges[space].segments.values() for line in one]
+            lines = [line for one in self.world.bridges[space].all_segments.values() for line in one]
             fetched = [decode_fact(line) for line in lines]
             fetched.sort(key=lambda fact: fact.at)
             found += begun_slots(own, fetched[: random.choice((random.randint(0, len(fetched)), len(fetched)))])
@@ -471,7 +533,7 @@ class Off:
         """What the server has fetched before it was off, which may not be all; and what robots have done in truth."""
         done = [one.step for one in self.world.robots.begun if not one.fails]
         fetched: list[Fact] = []
-        for lines in victim.segments.values():
+        for lines in victim.all_segments.values():
             fetched += [decode_fact(line) for line in lines[: self.random.randint(0, len(lines))]]
         fetched.sort(key=lambda fact: fact.at)
         facts: dict[SegmentRound, tuple[str, ...]] = {}
@@ -488,6 +550,10 @@ class Off:
             if bridge.space == self.heir and not self.is_done:
                 self.is_done = True  # and the one that was off may be started again
                 world.at(max(world.now, self.until), world.bridges[self.space].rise)
+                if self.is_both:
+                    assert self.before is not None
+                    self.before.is_done = True
+                    world.at(max(world.now, self.before.until), world.bridges[self.before.space].rise)
                 world.next_off()
 
         def take() -> None:
@@ -525,6 +591,7 @@ class World:
         """
         self.random = Random(seed)
         self.seed, self.now, self.is_lazy, self.kills = seed, 0.0, is_lazy, 0
+        self.compacted = 0
         self.forgets, self.forgets_again = forgets, forgets_again
         self.full, self.refused = Random(f"full {seed}"), 0
         self.full_rate = self.full.choice((0.0, 0.0, 0.05, 0.3))
@@ -603,8 +670,9 @@ class World:
         return sum(off.adopted is not None for off in self.offs)
 
     def next_off(self) -> None:
-        """A bridge was left out: it may be another one's turn."""
-        if len(self.offs) == 1 and len(self.offs[0].parts) > 1:
+        """A bridge is left out, or was: it may be another one's turn."""
+        is_turn = self.offs[0].is_done or Random(f"both {self.seed}").random() < 0.5
+        if len(self.offs) == 1 and len(self.offs[0].parts) > 1 and is_turn:
             off = Off(self, self.offs[0])
             self.offs.append(off)
             self.at(max(self.now, off.at), off.begin)
@@ -681,7 +749,7 @@ class World:
         def take() -> None:
             held = target.holder.runs.get(RUN)
             if held is not None:
-                self.carry(sent.space, bridge.space, partial(answered, target.holder.asked_epoch(held)))
+                self.carry(sent.space, bridge.space, partial(answered, target.holder.asked_epoch(held, bridge.space)))
 
         self.carry(bridge.space, sent.space, lambda: self.refusable(target, take))
 
@@ -724,7 +792,8 @@ class World:
                 self._offer(bridge, encode_part(part))
         if self.has_begun and not self.is_closing:
             self._pause()
-            self.offs[-1].tick()
+            for off in list(self.offs):
+                off.tick()
         if not self.is_closing and not self.has_begun and len(self.accepted) == len(self.parts):
             self._begin(self.bridges[self.plan.segments[0].space])
 

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import structlog
@@ -50,15 +51,15 @@ from ua_fleet.pubsub.events import (
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.resilience import Confirmation
 from ua_fleet.scenario import Scenario, Value
-from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, RunOutcome
+from ua_fleet.scenario.facts import Fact, Replaced, RobotReturned, RunCreated, RunEnded, RunOutcome, StandInTold
 from ua_fleet.scenario.model import Sequence
+from ua_fleet.scenario.stand_ins import StandIns, take_stand_in, told_stand_ins
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.storage.carried_records import CarriedRecords
 from ua_fleet.topics import SERVER_SPACE, LoopVerdict, Side
 from ua_fleet.values import TICKS_PER_SECOND, UNIX_EPOCH_TICKS
 from ua_fleet.wire import Codec
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
-from ua_fleet.wire.messages import Probe, ProbeKind, PublisherIdType
 from ua_fleet.wire.security import read_security
 
 __all__ = ["SegmentEnd", "SegmentEngine"]
@@ -99,7 +100,7 @@ class _SegmentService(ScenarioService):
         return run_id in self._orchestrator.runs
 
     def adopt_segment(self, run_id: str, scenario: Scenario, by: str, facts: Iterable[Fact]) -> None:
-        """Go on with a segment that another bridge had, from what is known of it."""
+        """Begin a segment of which something is known: what was done of it at another bridge, or who stands in."""
         self.take_news()
         now, values = self._wall_s(), {one.name: one.default for one in scenario.parameters}
         given = {name: value for name, value in values.items() if value is not None}
@@ -120,6 +121,10 @@ class _SegmentService(ScenarioService):
     def tell_segment(self, run_id: str, task: str, results: Mapping[str, Value], *, is_done: bool) -> None:
         """Have a segment know what became of a task of another branch."""
         self._do(self._orchestrator.outside_told(run_id, task, self._wall_s(), is_done=is_done, results=results))
+
+    def tell_stand_in(self, run_id: str, told: StandInTold) -> None:
+        """Have a segment know who stands in for a robot, as another one of the run has chosen."""
+        self._do(self._orchestrator.stand_in_told(run_id, told.failed, told.robot, told.capacity, self._wall_s()))
 
 
 class SegmentEngine:
@@ -178,6 +183,8 @@ class SegmentEngine:
         )
         self._actions = [action for robot in model.robots for action in robot.actions()]
         self._segments: dict[str, RunRecord] = {}
+        self._stand_ins: dict[str, StandIns] = {}
+        """Of each run, in any of its segments here: one that begins goes by it."""
         self._off: set[int] = set()
         """Spaces of bridges that a person has said are off."""
         self._queue: deque[bytes] = deque()
@@ -211,6 +218,8 @@ class SegmentEngine:
         """Go on where the journal ends, and take in what is known."""
         for record in self._service.restore():
             self._segments[record.run_id] = record
+        for fact, run_id in self._facts_of_stand_ins():
+            take_stand_in(self._stand_ins.setdefault(run_id, {}), fact)
         withdrawn = self._service.must_not_begin()
         self._skills.resume(now, tuple(withdrawn))
         for action in self._actions:
@@ -219,13 +228,22 @@ class SegmentEngine:
         self.catch_up(now)
         self._service.go_on()
 
+    def _facts_of_stand_ins(self) -> list[tuple[Fact, str]]:
+        """What the journal says of who stands in for robots, in order, each with its run."""
+        facts = [(fact, _run_of(one)) for one in self._segments for fact in self._records.runs.facts(one)]
+        found = [(fact, run) for fact, run in facts if isinstance(fact, StandInTold | Replaced | RobotReturned)]
+        return sorted(found, key=lambda one: one[0].at)
+
     def catch_up(self, now: float) -> None:
-        """Take in what the bridge and all that it has heard have said last: nothing was taken in without a run."""
+        """Take in what the bridge and all that it has heard have said last: nothing was taken in without a run.
+
+        All of it now: the first decision of the run goes by it.
+        """
+        for datagram in self._ground.publisher.said_last():
+            self._hear(self._local.receive(datagram, now, ("", 0)), now)
         for topic in list(self._ground.subscriber.writers):
             self._hear(self._ground.subscriber.known(topic), now)
-        probe = Probe(self._space, PublisherIdType.UINT16, ProbeKind.DATA_SET_META_DATA)
-        for datagram in self._ground.publisher.answer(probe, now):
-            self.own(datagram)
+        self._service.take_news()
 
     @property
     def ended(self) -> list[SegmentEnd]:
@@ -237,14 +255,30 @@ class SegmentEngine:
         """Why segments stand still; empty while they go on."""
         return self._service.problem
 
-    def begin_segment(self, run_id: str, scenario: Scenario, by: str, facts: Iterable[Fact] = ()) -> None:
-        """Begin a segment, unless it was begun before; with facts, go on with one that another bridge had."""
+    def begin_segment(
+        self,
+        run_id: str,
+        scenario: Scenario,
+        by: str,
+        facts: Iterable[Fact] = (),
+        stand_ins: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
+    ) -> None:
+        """Begin a segment, unless it was begun before.
+
+        Args:
+            run_id: of the segment.
+            scenario: its steps.
+            by: the person who has started the run.
+            facts: of a segment that another bridge had.
+            stand_ins: who stands in for robots, where this bridge knows nothing newer.
+        """
         record = self._segments.get(run_id)
         if record is not None or self._service.has(run_id):
             if record is not None and record.state.outcome is not None:
                 self._tell_end(record)
             return
-        if known := list(facts):
+        known_here = dict(stand_ins) | self._stand_ins.get(_run_of(run_id), {})
+        if known := [*told_stand_ins(known_here, self.wall_s()), *facts]:
             self._service.adopt_segment(run_id, scenario, by, known)
         else:
             self._service.begin_segment(run_id, scenario, by)
@@ -396,8 +430,21 @@ class SegmentEngine:
             record = self._segments[output.run_id] = RunRecord(output.run_id)
         record.apply(output.fact)
         self._happened(output.run_id, output.fact)
+        self._take_stand_in(output.run_id, output.fact)
         if isinstance(output.fact, RunEnded):
             self._tell_end(record)
+
+    def _take_stand_in(self, segment: str, fact: Fact) -> None:
+        """One segment has chosen who stands in for a robot: the others of the run go by it, and rank nobody anew."""
+        run_id = _run_of(segment)
+        known = self._stand_ins.setdefault(run_id, {})
+        if not take_stand_in(known, fact) or not isinstance(fact, Replaced):
+            return
+        chosen = told_stand_ins({fact.failed: known.get(fact.failed, {})}, fact.at)
+        others = [one for one in self._segments if one != segment and _run_of(one) == run_id and self._service.has(one)]
+        for told in chosen:
+            for one in others:
+                self._service.tell_stand_in(one, told)
 
     def _tell_end(self, record: RunRecord) -> None:
         if self._ends is None:
@@ -444,10 +491,18 @@ class SegmentEngine:
         for run_id in run_ids:
             self._segments.pop(run_id, None)
 
+    def forget_run(self, run_id: str) -> None:
+        """A run is not in the journal any more."""
+        self._stand_ins.pop(run_id, None)
+
 
 def _lets_all_in(_side: Side, _origin: int, _space: int, _own_publication: bool) -> LoopVerdict:
     """In place of the loop rule: what is asked here comes from this very process."""
     return LoopVerdict.TO_SPACE
+
+
+def _run_of(segment: str) -> str:
+    return segment.rpartition(".")[0]
 
 
 def _end_of(record: RunRecord) -> SegmentEnd:

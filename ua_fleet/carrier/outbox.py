@@ -9,7 +9,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from ua_fleet.bridge.carry import CarryGround
 from ua_fleet.carrying import AskEpoch, Carry, Holder, Send, SendToken
@@ -143,8 +143,12 @@ class Outbox:
             if isinstance(sent, SendToken):
                 unsaid.told(lambda holder, now: holder.handed_over(sent, now))
             elif isinstance(sent, AskEpoch):
-                epoch, how, why = _epoch_in(report.result)
-                unsaid.told(lambda holder, now: holder.told_epoch(sent, epoch, now, outcome=how, reason=why))
+                told = _epoch_in(report.result)
+                if told.epoch > sent.epoch and not told.left_out and not told.outcome:
+                    self._unsaid[key] = unsaid  # it is asked again, and not at once
+                    why = f"the bridge of space {sent.space} has epoch {told.epoch}, and this one {sent.epoch} still"
+                    self._later(unsaid, why, self._ground.loop.time())
+                unsaid.told(lambda holder, now: holder.told_epoch(sent, now=now, **told._asdict()))
             else:
                 unsaid.told(lambda holder, now: holder.end_told(sent, now))
         else:
@@ -191,11 +195,25 @@ def _what(sent: Send) -> str:
     return "token" if isinstance(sent, SendToken) else "end"
 
 
-def _epoch_in(result: bytes) -> tuple[int, str, str]:
-    """The epoch; and how the run is over there, and why, where it is."""
+class _Epoch(NamedTuple):
+    """What a bridge says that was asked for the epoch of a run."""
+
+    epoch: int
+    left_out: bool
+    """Whether who has asked has no part of it."""
+    doubt: bool
+    """Whether it was away itself."""
+    outcome: str
+    """How the run is over there; empty where it goes on."""
+    reason: str
+
+
+def _epoch_in(result: bytes) -> _Epoch:
     (packed,) = unpack(result)
     words = decode_words(bytes(packed.value or b""))
-    return int(words.get("epoch", 0)), str(words.get("outcome", "")), str(words.get("reason", ""))
+    outcome, reason = (str(words.get(name, "")) for name in ("outcome", "reason"))
+    left_out, doubt = bool(words.get("left_out", True)), bool(words.get("doubt"))
+    return _Epoch(int(words.get("epoch", 0)), left_out, doubt, outcome, reason)
 
 
 def _space(sent: Send) -> int:

@@ -9,8 +9,9 @@ The engine is made when the first part comes, and hears nothing while there is n
 from __future__ import annotations
 
 import zlib
+from collections import Counter
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -52,6 +53,10 @@ __all__ = ["carrier_of"]
 REQUESTS_AT_ONCE: Final = 64
 MOST_DECISIONS: Final = 8
 """Of one run, about who takes a task over, that the server is told of: the last ones."""
+COMPACTED_EACH: Final = 250
+"""After so many facts of a run, its records are compacted."""
+KEPT_SEGMENTS: Final = 500
+"""Of rounds that are over: the last ones of a run, which the server may not have yet. It shows as many tasks."""
 _BYTES: Final = (int(BuiltinType.BYTE_STRING),)
 
 
@@ -100,6 +105,8 @@ class _Carrier:
         spaces = {bridge.space: each for each, bridge in config.bridges.items()}
         self._decisions: dict[str, dict[str, DecisionChanged]] = {}
         """The last ones of each run about who takes a task over, by their ids."""
+        self._written = Counter[str]()
+        """Facts of each run that were written since the start."""
         self._outbox = Outbox(self._space, ns, spaces, ground, self._log)
         self._watch = RunWatch(self._space, ns, name, ground)
         self._actions = ImmediateActions(
@@ -212,6 +219,16 @@ class _Carrier:
 
     def _note(self, fact: Any) -> None:
         self._open().note(fact)
+        self._written[fact.run_id] += 1
+        if self._written[fact.run_id] % COMPACTED_EACH == 0:
+            self._ground.loop.call_soon(self._compact, fact.run_id)
+
+    def _compact(self, run_id: str) -> None:
+        """Have the file, and what is made of it at the next start, not grow with the rounds of a run."""
+        held = self._holder.runs.get(run_id)
+        if held is not None:
+            with self._ground.mistakes.guard("carried runs", run_id=run_id), suppress(StorageUnavailable):
+                self._open().compact(held, KEPT_SEGMENTS)
 
     def _wall_s(self) -> float:
         return (self._ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND
@@ -279,7 +296,7 @@ class _Carrier:
                 answer = self._take_adoption(content, wall_s)
             case Word.EPOCH:
                 held = self._held(str(decode_words(content).get("run", "")))
-                answer = encode_words(**self._holder.asked_epoch(held))
+                answer = encode_words(**self._holder.asked_epoch(held, sender))
             case Word.CONFIRM if sender == 0:
                 answer = self._confirm(decode_words(content)).encode()
             case _:
@@ -348,7 +365,9 @@ class _Carrier:
         closed = held.closed
         told = {
             "facts": page.lines,
-            "count": max(0, after) + len(page.lines) + (not page.is_last),
+            "last": page.last,
+            "more": not page.is_last,
+            "told": self._watch.facts_of(run_id),
             "active": [str(place) for place in held.active],
             "waits": self._outbox.waits(run_id) or held.stale,
             "closed": None if closed is None else [closed.at, closed.outcome, closed.reason],
@@ -390,7 +409,7 @@ class _Carrier:
         scenario = segment_scenario(part.scenario, effect.segment.body, effect.rounds, values, effect.outside)
         facts = [decode_fact(line) for line in effect.facts]
         run_id = segment_run(effect.run_id, SegmentRound(effect.segment.number, effect.rounds))
-        engine.begin_segment(run_id, scenario, part.by, facts)
+        engine.begin_segment(run_id, scenario, part.by, facts, effect.stand_ins)
 
     def _tell_engine(self, engine: SegmentEngine, effect: Stop | Pause) -> None:
         for place in effect.places:
@@ -467,9 +486,10 @@ class _Carrier:
             records = self._open()
             if self._engine is not None:
                 self._engine.forget(records.segments_of(run_id))
+                self._engine.forget_run(run_id)
             records.forget(run_id)
             self._holder.forget(run_id)
-            self._pages.forget(run_id)
+            self._written.pop(run_id, None)
             self._decisions.pop(run_id, None)
             self._watch.forget(run_id)
         self._watch.look(self._holder)

@@ -121,6 +121,11 @@ class RunWatch:
             elif told and not watched.hands_to and not watched.is_new:
                 self._soon(watched)
 
+    def facts_of(self, run_id: str) -> int:
+        """How many facts of a run this tells of."""
+        watched = self._runs.get(run_id)
+        return 0 if watched is None else watched.facts
+
     def forget(self, run_id: str) -> None:
         """A run is not known here any more."""
         self._runs.pop(run_id, None)

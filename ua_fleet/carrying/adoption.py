@@ -15,6 +15,7 @@ import json
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from math import inf
 from typing import Any, Final, NamedTuple
 
@@ -48,8 +49,10 @@ __all__ = [
     "encode_filled",
     "filled_slots",
     "heir_of",
+    "may_be_heir",
     "needed_places",
     "plan_without",
+    "plan_without_all",
     "proved_over",
 ]
 
@@ -74,8 +77,8 @@ class Adoption:
 
     part: Part
     """With the next epoch."""
-    gone: int
-    """The space of the bridge that is off."""
+    gone: tuple[int, ...]
+    """The spaces of the bridges that are off."""
     by: str
     """The person who has said so."""
     filled: tuple[FilledSlot, ...] = ()
@@ -83,6 +86,8 @@ class Adoption:
     """Of tasks, by `task.result`, as far as the server knows them."""
     facts: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     """Lines of facts of each segment that is adopted, by its place as a text."""
+    stand_ins: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
+    """Who stands in for robots, by their names and then the capacities for which."""
 
 
 def plan_without(plan: Plan, gone: int, heir: int) -> Plan:
@@ -91,15 +96,25 @@ def plan_without(plan: Plan, gone: int, heir: int) -> Plan:
     return replace(plan, segments=tuple(segments))
 
 
-def heir_of(plan: Plan, gone: int, view: PlanView, away: Collection[int] = ()) -> int | None:
-    """The first bridge of a plan that can take the place of one: those that hand it tokens may, and it may theirs.
+def plan_without_all(plan: Plan, gone: Iterable[int], heir: int) -> Plan:
+    """The same for several bridges."""
+    return reduce(lambda left, space: plan_without(left, space, heir), gone, plan)
+
+
+def heir_of(plan: Plan, gone: Collection[int], view: PlanView, away: Collection[int] = ()) -> int | None:
+    """The first bridge of a plan that can take the place of some: those that hand it tokens may, and it may theirs.
 
     Bridges that are `away` cannot.
     """
     for heir in plan.spaces:
-        if heir not in (gone, *away) and not missing_requestors(plan_without(plan, gone, heir), view.requestors):
+        if heir not in gone and heir not in away and may_be_heir(plan, gone, heir, view):
             return heir
     return None
+
+
+def may_be_heir(plan: Plan, gone: Iterable[int], heir: int, view: PlanView) -> bool:
+    """Whether a bridge can take the place of others."""
+    return not missing_requestors(plan_without_all(plan, gone, heir), view.requestors)
 
 
 def _of_steps(steps: Iterable[Any], facts: Iterable[Fact]) -> list[tuple[str, Fact]]:
@@ -354,11 +369,12 @@ def encode_adoption(adoption: Adoption, part: bytes) -> bytes:
     """An adoption as it is sent, with its part as it is encoded; raises PartInvalid where it is too large."""
     content = {
         "part": part.hex(),
-        "gone": adoption.gone,
+        "gone": adoption.gone[0] if len(adoption.gone) == 1 else adoption.gone,
         "by": adoption.by,
         "filled": encode_filled(adoption.filled),
         "results": dict(adoption.results),
         "facts": dict(adoption.facts),
+        **({"stand_ins": dict(adoption.stand_ins)} if adoption.stand_ins else {}),
     }
     packed = zlib.compress(json.dumps(content, ensure_ascii=False, separators=(",", ":")).encode(), 9)
     if len(packed) > MOST_PART_BYTES:
@@ -378,11 +394,12 @@ def decode_adoption(content: bytes) -> Adoption:
         data: Any = json.loads(text)
         return Adoption(
             decode_part(bytes.fromhex(data["part"])),
-            int(data["gone"]),
+            tuple(map(int, gone if isinstance(gone := data["gone"], list) else [gone])),
             str(data["by"]),
             decode_filled(data["filled"]),
             dict(data["results"]),
             {str(place): tuple([str(line) for line in lines]) for place, lines in data["facts"].items()},
+            {str(robot): dict(by_capacity) for robot, by_capacity in data.get("stand_ins", {}).items()},
         )
     except UNREADABLE as error:
         raise PartInvalid(f"an adoption cannot be read: {error!r}") from error

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from ua_fleet.carrying.part import PartSegment, Road
@@ -36,6 +38,8 @@ class Begin(NamedTuple):
     """Tasks of other branches of which it hears: see `Tell`."""
     facts: tuple[str, ...] = ()
     """Lines of what was done of it already, at a bridge that is off."""
+    stand_ins: Mapping[str, Mapping[str, str]] = MappingProxyType({})
+    """Who stands in for robots by their capacities, as far as was known when a bridge was left out."""
 
 
 class Tell(NamedTuple):
@@ -81,6 +85,8 @@ class AskEpoch(NamedTuple):
 
     run_id: str
     space: int
+    epoch: int = 1
+    """That this bridge knows."""
 
 
 class Stop(NamedTuple):

@@ -58,6 +58,8 @@ class HeldRun:
     """Rounds of adopted segments that are over, with all before them."""
     asks: set[int] = field(default_factory=set[int])
     """Bridges that have refused a token, and are asked whether it was adopted. Not written down."""
+    doubters: set[int] = field(default_factory=set[int])
+    """Bridges that were away as well, and have the same epoch. Not written down."""
     stale: str = ""
     """Who has sent a token of an epoch before, for people. Not written down."""
     again_at: float | None = None
@@ -193,7 +195,8 @@ class HeldRun:
         segment = part.segments[place.number]
         outside = tuple([part.segments[heard.mailbox].tells for heard in segment.hears])
         facts = next((one.facts[str(place)] for one in self.adoptions if str(place) in one.facts), ())
-        return Begin(part.run_id, segment, place.rounds, self.values(place), outside, facts)
+        stand_ins = self.adoptions[-1].stand_ins if self.adoptions else {}
+        return Begin(part.run_id, segment, place.rounds, self.values(place), outside, facts, stand_ins)
 
     def tells(self, place: SegmentRound) -> list[Tell]:
         """What a segment hears of other branches, as far as it is known."""
@@ -245,11 +248,12 @@ class HeldRun:
         before, self.part = self.part, adoption.part
         self.adoptions.append(adoption)
         self.asks.clear()
+        self.doubters.clear()
         lost = {
             (segment.number, road.segment, road.slot)
             for segment in before.segments.values()
             for road in segment.roads
-            if road.space == adoption.gone
+            if road.space in adoption.gone
         }
         self.handed = {key for key in self.handed if (key[0].number, *key[1:]) not in lost}
         adopted = {number: one for number, one in self.part.segments.items() if number not in before.segments}

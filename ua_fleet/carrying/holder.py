@@ -217,29 +217,43 @@ class Holder:
         self._note(PartAdopted(now, part.run_id, content.hex()))
         return self._no_doubt(part.run_id, now) if self.in_doubt else self._again(held, now)
 
-    def asked_epoch(self, held: HeldRun) -> dict[str, Any]:
-        """What another bridge is told that asks for the epoch of a run: also how it has ended, where it has.
+    def asked_epoch(self, held: HeldRun, asking: int) -> dict[str, Any]:
+        """What the bridge of a space is told that asks for the epoch of a run: also how it has ended, where it has.
 
         Raises:
             RunRefused: this bridge was left out of the run itself, and does not know.
         """
         closed = held.closed
+        said: dict[str, Any] = {"epoch": held.part.epoch, "left_out": asking not in held.part.spaces}
         if closed is None:
-            return {"epoch": held.part.epoch}
+            return {**said, "doubt": True} if held.part.run_id in self.in_doubt else said
         if closed.outcome == ADOPTED:
             raise self._is_over(held.part.run_id, closed)
-        reason = clipped(closed.reason, MOST_REASON_BYTES)
-        return {"epoch": held.part.epoch, "outcome": closed.outcome, "reason": reason}
+        return {**said, "outcome": closed.outcome, "reason": clipped(closed.reason, MOST_REASON_BYTES)}
 
     def told_epoch(
-        self, sent: AskEpoch, epoch: int | None, now: float, *, outcome: str = "", reason: str = ""
+        self,
+        sent: AskEpoch,
+        epoch: int | None,
+        now: float,
+        *,
+        left_out: bool = False,
+        doubt: bool = False,
+        outcome: str = "",
+        reason: str = "",
     ) -> list[Carry]:
         """Another bridge says which epoch a run has; None: that it does not know the run any more.
+
+        Where that is a later one, this bridge was left out, or its part has not come yet. Then it keeps its tokens, and
+        its doubt where it has one, until that has.
 
         Args:
             sent: what it was asked.
             epoch: what it says.
             now: by the wall clock.
+            left_out: whether this bridge has no part of it.
+            doubt: whether that bridge was away likewise. It may have been left out with this one: it counts once all
+                others have said the same.
             outcome: how the run is over there; empty where it goes on.
             reason: why, then.
         """
@@ -249,13 +263,20 @@ class Holder:
         if epoch is None:
             reason = f"the bridge of space {sent.space} does not know it any more"
             return self._close(held, LOST, reason, sent.space, now)
-        if epoch > held.part.epoch:
+        if epoch > held.part.epoch and left_out:
             reason = f"its token was adopted: the bridge of space {sent.space} has epoch {epoch} of it"
             return self._close(held, ADOPTED, reason, sent.space, now)
         if outcome:
             return self._close(held, outcome, reason, sent.space, now)
         held.asks.discard(sent.space)
-        return self._no_doubt(sent.run_id, now)
+        if doubt and epoch == held.part.epoch:
+            held.doubters.add(sent.space)
+        is_known = epoch <= held.part.epoch and (not doubt or not self._unasked(held))
+        return self._no_doubt(sent.run_id, now) if is_known else []
+
+    def _unasked(self, held: HeldRun) -> list[int]:
+        """The bridges that have not said yet which epoch they have."""
+        return [space for space in held.part.spaces if space not in (self._space, *held.doubters)]
 
     def refused(self, sent: SendToken) -> None:
         """A bridge has not taken a token: it is asked whether it was adopted."""
@@ -342,7 +363,7 @@ class Holder:
         if held.closed is not None:
             reason = held.closed.reason or held.closed.outcome
             return [Stop(held.part.run_id, held.active, reason)] if held.active else []
-        effects: list[Carry] = [Gone(held.part.run_id, each.gone, each.by) for each in held.adoptions]
+        effects: list[Carry] = [Gone(held.part.run_id, gone, one.by) for one in held.adoptions for gone in one.gone]
         effects += self._paused(held) if held.is_paused else self._resumed(held, now)
         for place in list(held.over):
             if held.closed is None and place in held.over:
@@ -367,8 +388,8 @@ class Holder:
                     yield SendEnd(held.part.run_id, space, closed.outcome, reason)
                 continue
             is_in_doubt = held.part.run_id in self.in_doubt
-            asked = held.part.spaces if is_in_doubt else sorted(held.asks)
-            yield from [AskEpoch(held.part.run_id, space) for space in asked if space != self._space]
+            asked = self._unasked(held) if is_in_doubt else sorted(held.asks)
+            yield from [AskEpoch(held.part.run_id, space, held.part.epoch) for space in asked]
             for place, over in held.over.items() if not is_in_doubt else ():
                 for road in held.roads(place, over):
                     if (place, road.segment, road.slot) not in held.handed:

@@ -311,7 +311,7 @@ def adopt(
         if as_json:
             print_json({"run_id": run_id, "heir": heir})
         else:
-            message(f"{heir} goes on for {bridge}")
+            message(f"{heir} goes on for {bridge}" if heir else f"the run ends without {bridge}")
 
     with_scenarios(connection, work)
 

@@ -245,6 +245,10 @@ class Orchestrator:
         """
         return self._on(run_id, lambda run: run.told(task, now, is_done=is_done, results=results), now)
 
+    def stand_in_told(self, run_id: str, failed: str, robot: str, capacity: str, now: float) -> list[Output]:
+        """Who stands in for a robot, as another part of a carried run has chosen; raises as `outside_told` does."""
+        return self._on(run_id, lambda run: run.stand_in_told(failed, robot, capacity, now), now)
+
     # Robots.
 
     def accepted(self, execution_id: str, now: float) -> list[Output]:

@@ -211,6 +211,10 @@ class Announcer:
         entry = self._actions.get(writer_id)
         return None if entry is None else entry[1]
 
+    def actions(self) -> list[bytes]:
+        """All Actions as they are announced, for one in this process; nothing of it is to be sent."""
+        return [encode_announcement(action) for _, action in self._actions.values()]
+
     def put_action(self, ns: int, action: ActionMetaDataAnnouncement, now: float) -> list[bytes]:
         """Announce an Action that is new or has changed; without targets there is nothing to be asked of it any more.
 

@@ -374,6 +374,25 @@ class Publisher:
         datagrams = self._answer_metadata(probe, now) if probe.kind == ProbeKind.DATA_SET_META_DATA else []
         return datagrams + self._announcer.poll(now)
 
+    def said_last(self) -> list[bytes]:
+        """What was said last, for one in this process that begins to listen: Actions, metadata, data.
+
+        Nothing of it is to be sent: it uses no sequence numbers, and takes no turn from those that have asked.
+        """
+        number, announcements, batches = self._announcement_number, self._announcer.actions(), _Batches()
+        for writer in self._writers.values():
+            if writer.encode is None or writer.is_off:
+                continue
+            announcement = MetaDataAnnouncement(self._id, _UINT16, number, writer.topic.id, writer.metadata)
+            announcements.append(encode_metadata_announcement(announcement))
+            if writer.values is not None or writer.alive:
+                batches.setdefault(writer.topic.ns, []).append(writer.said_last())
+        return announcements + [
+            self._encoded(ns, messages)
+            for ns, batch in batches.items()
+            for messages in pack(batch, self._max_packed_bytes)
+        ]
+
     def _answer_metadata(self, probe: Probe, now: float) -> list[bytes]:
         announced = [(asked, self._by_id.get(asked, ())) for asked in probe.data_set_writer_ids or tuple(self._by_id)]
         if probe.data_set_writer_ids:
@@ -541,7 +560,8 @@ class Publisher:
                 self._counters.messages_out += len(messages)
                 self.sent_messages[ns] += 1
                 self._pace.take(0, datagrams=1)
-                datagrams.append(
-                    self._codec.encode(NetworkMessage(self._id, _UINT16, writer_group_id=ns, messages=messages))
-                )
+                datagrams.append(self._encoded(ns, messages))
         return datagrams
+
+    def _encoded(self, ns: int, messages: tuple[DataSetMessage, ...]) -> bytes:
+        return self._codec.encode(NetworkMessage(self._id, _UINT16, writer_group_id=ns, messages=messages))

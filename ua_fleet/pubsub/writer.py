@@ -158,6 +158,15 @@ class Writer:
             version.minor,
         ), self.size
 
+    def said_last(self) -> tuple[DataSetMessage, int]:
+        """The last message with the number that it had, as a key frame; a keep-alive where there is none to repeat."""
+        if self.values is None:
+            return self.keep_alive()
+        number, version = (self.next_number - 1) & MASK, self.metadata.configuration_version
+        message = DataSetMessage(self.topic.id, _KEY, self.sent_types, self.values, number, self.timestamp)
+        message = message._replace(status=self.status, major_version=version.major, minor_version=version.minor)
+        return message, self.size
+
     def keep_alive(self) -> tuple[DataSetMessage, int]:
         """A keep-alive and its size; its sequence number is the next expected one (OPC 10000-14 7.2.4.5.8)."""
         version = self.metadata.configuration_version

@@ -28,6 +28,7 @@ __all__ = [
     "RunOutcome",
     "RunPaused",
     "RunResumed",
+    "StandInTold",
     "StepEnded",
     "StepStarted",
     "StepState",
@@ -125,10 +126,13 @@ class RunAdopted:
     space: int
     """Of the bridge that is off."""
     heir: int
-    """Of the one that goes on."""
+    """Of the one that goes on; 0: none does, and the run ends without the bridge, which is told when it answers."""
     done: Sequence[str]
     """Tasks that its robots have done, as the person says, although nobody has told so."""
     by: str
+    also: Sequence[int] = ()
+    """Spaces of bridges that were left out just before, of which not all others knew yet: the same one goes on for
+    all of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,6 +289,17 @@ class OutsideTold:
 
 
 @dataclass(frozen=True, slots=True)
+class StandInTold:
+    """A part of a carried run is told who stands in for a robot, as another part has chosen."""
+
+    at: float
+    failed: str
+    robot: str
+    capacity: str = ""
+    """It stands in for tasks that need this; empty: for all."""
+
+
+@dataclass(frozen=True, slots=True)
 class StepEnded:
     """A step is over."""
 
@@ -345,6 +360,7 @@ Fact = (
     | ReplacementWanted
     | Replaced
     | RobotReturned
+    | StandInTold
     | EventSeen
     | OutsideTold
     | StepEnded

@@ -27,7 +27,8 @@ A paused run starts no task; what robots are at goes on. A run that is aborted c
 from __future__ import annotations
 
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Final
 
@@ -50,6 +51,7 @@ from ua_fleet.scenario.facts import (
     RunOutcome,
     RunPaused,
     RunResumed,
+    StandInTold,
     StepEnded,
     StepState,
     TaskAccepted,
@@ -341,6 +343,16 @@ class Run:
 
         return self._after(now, take)
 
+    def stand_in_told(self, failed: str, robot: str, capacity: str, now: float) -> list[Effect]:
+        """Who stands in for a robot, as another part of a carried run has chosen; said again, nothing changes."""
+
+        def take(moment: WalkState) -> None:
+            if self.state.stand_ins.get(failed, {}).get(capacity) != robot:
+                with self._asking_again(moment):
+                    self.note(StandInTold(now, failed, robot, capacity), moment)
+
+        return self._after(now, take)
+
     def pause(self, by: str, now: float) -> list[Effect]:
         """Start no further task."""
 
@@ -395,17 +407,23 @@ class Run:
 
     def _take_back(self, moment: WalkState) -> None:
         """Robots that are back take their later tasks back, also those that still wait for who stands in."""
-        waiting = [(step, self.task(step), self.state.tasks[step]) for step in self.state.in_phase(TaskPhase.WANTED)]
         failed = [(robot, capacity) for robot, named in self.state.stand_ins.items() for capacity in named]
         for robot, capacity in failed:
             if self._tending.is_away(robot, (capacity,) if capacity else ()):
                 continue
-            before = [self.robot_for(task, task_run) for _, task, task_run in waiting]
-            self.note(RobotReturned(moment.now, robot, capacity), moment)
-            for (step, task, task_run), stand_in in zip(waiting, before, strict=True):
-                if self.robot_for(task, task_run) != stand_in:
-                    moment.effects.append(ReleaseRobot(step))
-                    self.ask(step, moment)
+            with self._asking_again(moment):
+                self.note(RobotReturned(moment.now, robot, capacity), moment)
+
+    @contextmanager
+    def _asking_again(self, moment: WalkState) -> Generator[None]:
+        """Have tasks that wait for a robot ask for another one, where it is another one after what happens within."""
+        waiting = [(step, self.task(step), self.state.tasks[step]) for step in self.state.in_phase(TaskPhase.WANTED)]
+        before = [self.robot_for(task, task_run) for _, task, task_run in waiting]
+        yield
+        for (step, task, task_run), robot in zip(waiting, before, strict=True):
+            if self.robot_for(task, task_run) != robot:
+                moment.effects.append(ReleaseRobot(step))
+                self.ask(step, moment)
 
     def _advance(self, moment: WalkState) -> None:
         before = -1

@@ -25,6 +25,7 @@ from ua_fleet.scenario.facts import (
     RunOutcome,
     RunPaused,
     RunResumed,
+    StandInTold,
     StepEnded,
     StepStarted,
     StepState,
@@ -37,6 +38,7 @@ from ua_fleet.scenario.facts import (
     TaskOver,
     Then,
 )
+from ua_fleet.scenario.stand_ins import StandIns, take_stand_in
 
 __all__ = ["RunState", "TaskPhase", "TaskRun"]
 
@@ -131,14 +133,15 @@ class RunState:
     executions: dict[str, str] = field(default_factory=dict[str, str])
     """The step of each execution id, those of earlier attempts included."""
     results: dict[str, Mapping[str, Value]] = field(default_factory=dict[str, Mapping[str, Value]])
-    stand_ins: dict[str, dict[str, str]] = field(default_factory=dict[str, dict[str, str]])
-    """Who does what a robot is to do, by the capacity that a task needs; for the empty one, all of its tasks."""
+    stand_ins: StandIns = field(default_factory=dict[str, dict[str, str]])
     events_seen: set[str] = field(default_factory=set[str])
     first_failure: str = ""
     paused: bool = False
     closing: RunClosing | None = None
     carried: tuple[int, ...] = ()
     """The spaces of the bridges that carry the run; none: the server does it."""
+    untold: tuple[int, ...] = ()
+    """Those of bridges that are off, without which the run ends."""
     outside: dict[str, bool] = field(default_factory=dict[str, bool])
     """Whether tasks of other branches, which other parts of a carried run do, are done; False: they will not be."""
     outcome: RunOutcome | None = None
@@ -184,6 +187,7 @@ class RunState:
                 self.carried = tuple(fact.spaces)
             case RunAdopted():
                 self.carried = tuple([space for space in self.carried if space != fact.space])
+                self.untold += () if fact.heir else (fact.space,)
             case StepStarted():
                 self.started[fact.step] = fact.at
             case BranchTaken():
@@ -198,8 +202,8 @@ class RunState:
                 self.waiting_for_events.pop(fact.step, None)
             case StepEnded():
                 self._step_ended(fact)
-            case RobotReturned():
-                self._let_back(fact.robot, (fact.capacity,))
+            case RobotReturned() | StandInTold():
+                take_stand_in(self.stand_ins, fact)
             case RunPaused() | RunResumed():
                 self.paused = isinstance(fact, RunPaused)
             case RunClosing():
@@ -334,21 +338,9 @@ class RunState:
             task.excluded[fact.failed] = _EXCLUDED[TaskOutcome.UNKNOWN]
         task.phase, task.tries, task.robot = TaskPhase.WANTED, 0, fact.robot
         task.busy_since = None  # that was another robot
-        capacities = tuple(fact.capacities) or ("",)
-        if fact.failed == fact.robot:  # it was repaired before anybody had taken over
-            self._let_back(fact.failed, ("", *capacities))
-        elif not fact.lasting:
+        if fact.failed != fact.robot and not fact.lasting:
             task.is_own = True
-        elif fact.failed:
-            self.stand_ins.setdefault(fact.failed, {}).update(dict.fromkeys(capacities, fact.robot))
-
-    def _let_back(self, robot: str, capacities: Iterable[str]) -> None:
-        """Nobody stands in for a robot any more where these are needed."""
-        by_capacity = self.stand_ins.get(robot, {})
-        for capacity in capacities:
-            by_capacity.pop(capacity, None)
-        if not by_capacity:
-            self.stand_ins.pop(robot, None)
+        take_stand_in(self.stand_ins, fact)
 
     def _follow(self, step: str, task: TaskRun, then: Then) -> None:
         match then:

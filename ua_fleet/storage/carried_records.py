@@ -2,7 +2,7 @@
 and what it has asked robots to do.
 
 A fact is on the disk when `note` returns. The facts of segments are kept until their run is forgotten: the server
-fetches them, which may have been away for all of the run.
+fetches them, which may have been away for all of the run. Of rounds of a `repeat` that are over, the last ones are.
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final, Self
 
+from ua_fleet.carrying.compacting import forgotten_segments, superseded
 from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
+from ua_fleet.carrying.held import HeldRun
 from ua_fleet.errors import StorageUnavailable
-from ua_fleet.storage.database import Database
+from ua_fleet.storage.database import Database, Statement
 from ua_fleet.storage.journal import EXECUTION_TABLES
 from ua_fleet.storage.request_journal import REQUEST_TABLES, RequestJournal
 from ua_fleet.storage.run_journal import RUN_TABLES, RunJournal
@@ -24,6 +26,7 @@ __all__ = ["CARRIED_FILE", "CARRIED_TABLES", "CarriedRecords"]
 CARRIED_FILE: Final = "carried.db"
 """In a bridge's `state_dir`."""
 _VERSION: Final = 1
+_FORGET_SEGMENT: Final = ("DELETE FROM facts WHERE run_id = ?", "DELETE FROM runs WHERE run_id = ?")
 _FACTS: Final = (
     "CREATE TABLE carried (number INTEGER PRIMARY KEY AUTOINCREMENT, run_id TEXT NOT NULL, line TEXT NOT NULL) STRICT",
     "CREATE INDEX carried_of_run ON carried (run_id, number)",
@@ -109,6 +112,28 @@ class CarriedRecords:
         )
         head = f"{run_id}."
         return ((number, line) for number, line in self._database.rows(statement, (last, len(head), head)))
+
+    def compact(self, held: HeldRun, kept: int) -> int:
+        """Forget what a run needs no more, and all but the last segments of rounds that are over; how many lines.
+
+        Args:
+            held: the run, as its facts have made it.
+            kept: so many segments of such rounds stay, for the server.
+        """
+        run_id = held.part.run_id
+        rows = self._database.read("SELECT number, line FROM carried WHERE run_id = ? ORDER BY number", (run_id,))
+        over = superseded(held, [decode_carry_fact(line) for _, line in rows])
+        head = f"{run_id}."
+        ended = self._database.read(
+            "SELECT run_id FROM runs WHERE ended = 1 AND substr(run_id, 1, ?) = ? ORDER BY number", (len(head), head)
+        )
+        segments = forgotten_segments(held, [segment for (segment,) in ended])
+        segments = segments[: max(0, len(segments) - kept)]
+        statements: list[Statement] = [("DELETE FROM carried WHERE number = ?", (rows[at][0],)) for at in over]
+        statements += [(statement, (one,)) for one in segments for statement in _FORGET_SEGMENT]
+        if statements:
+            self._database.commit(*statements)
+        return len(statements)
 
     def forget(self, run_id: str) -> None:
         """Forget a run with its segments."""

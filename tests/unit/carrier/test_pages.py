@@ -35,27 +35,28 @@ def branches(records: CarriedRecords, *names: str) -> None:
 def test_pages_have_the_same_order_after_a_restart(tmp_path: Path) -> None:
     with CarriedRecords(tmp_path) as records:
         branches(records, "a1", "b1")
-        pages = FactPages(lambda: records)
-        assert pages.after(RUN, 0) == FactPage(lines("a1", "b1"), True)
+        first = FactPages(lambda: records).after(RUN, 0)
+        assert (first.lines, first.is_last) == (lines("a1", "b1"), True)
         branches(records, "a2", "b2")
     with CarriedRecords(tmp_path) as records:
         pages = FactPages(lambda: records)
-        assert pages.after(RUN, 2) == FactPage(lines("a2", "b2"), True), "a2 is none that the server has"
-        assert pages.after(RUN, 4) == FactPage([], True)
+        second = pages.after(RUN, first.last)
+        assert second.lines == lines("a2", "b2"), "a2 is none that the server has"
+        assert pages.after(RUN, second.last) == FactPage([], second.last, True)
         branches(records, "a3")
-        assert pages.after(RUN, 4) == FactPage(lines("a3"), True)
-        assert pages.after(RUN, 0) == FactPage(lines("a1", "b1", "a2", "b2", "a3"), True), "a new server begins anew"
-        assert pages.after(RUN, 3) == FactPage(lines("b2", "a3"), True), "the answer before has not arrived"
-        assert pages.after(f"{RUN}0", 4) == FactPage(lines("other"), True)
+        assert pages.after(RUN, second.last).lines == lines("a3")
+        assert pages.after(RUN, 0).lines == lines("a1", "b1", "a2", "b2", "a3"), "a new server begins anew"
+        assert pages.after(RUN, first.last).lines == lines("a2", "b2", "a3"), "the answer before has not arrived"
+        assert pages.after(f"{RUN}0", second.last).lines == lines("other", "other")
 
 
 def test_what_one_answer_has_no_room_for_comes_in_the_next_one() -> None:
     records = in_memory()
     names = [f"a{number:04}" for number in range(1500)]
     records.runs.write([(f"{RUN}.1", fact(name)) for name in names])
-    pages, found, sizes = FactPages(lambda: records), list[str](), list[int]()
-    while not (page := pages.after(RUN, len(found))).is_last:
-        found += page.lines
+    pages, found, sizes, last = FactPages(lambda: records), list[str](), list[int](), 0
+    while not (page := pages.after(RUN, last)).is_last:
+        found, last = found + page.lines, page.last
         sizes.append(sum(map(len, page.lines)))
     assert found + page.lines == lines(*names)
     assert all(PAGE_BYTES - 100 < size <= PAGE_BYTES for size in sizes)
@@ -65,17 +66,17 @@ def test_what_one_answer_has_no_room_for_comes_in_the_next_one() -> None:
 def test_one_fact_that_is_too_large_is_a_page() -> None:
     records = in_memory()
     records.runs.write([(f"{RUN}.1", fact(name)) for name in ("a", "b" * PAGE_BYTES, "c")])
-    pages = FactPages(lambda: records)
-    assert pages.after(RUN, 0) == FactPage(lines("a"), False)
-    assert pages.after(RUN, 1) == FactPage(lines("b" * PAGE_BYTES), False)
-    assert pages.after(RUN, 2) == FactPage(lines("c"), True)
+    pages, last = FactPages(lambda: records), 0
+    for name, is_last in (("a", False), ("b" * PAGE_BYTES, False), ("c", True)):
+        page = pages.after(RUN, last)
+        assert (page.lines, page.is_last) == (lines(name), is_last)
+        last = page.last
 
 
 def test_a_run_that_is_forgotten_has_no_facts() -> None:
     records = in_memory()
     branches(records, "a1")
     pages = FactPages(lambda: records)
-    assert pages.after(RUN, 0) == FactPage(lines("a1"), True)
+    assert pages.after(RUN, 0).lines == lines("a1")
     records.forget(RUN)
-    pages.forget(RUN)
-    assert pages.after(RUN, 0) == FactPage([], True)
+    assert pages.after(RUN, 0) == FactPage([], 0, True)

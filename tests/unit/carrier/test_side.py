@@ -50,16 +50,17 @@ PARTS = parts_of(plan(task("one", "a"), task("two", "b")), "run", "made", {}, "e
 class Bridge:
     """Who carries runs in a bridge, on a loop that nobody waits for; its disk is real."""
 
-    def __init__(self, name: str, folder: Path, records: CarriedRecords) -> None:
+    def __init__(self, name: str, folder: Path, records: CarriedRecords, config: FleetConfig = CONFIG) -> None:
         self.now = 5.0
         self.sent: list[bytes] = []
         self.loop, self.mistakes = VirtualLoop(lambda: self.now), Mistakes()
-        space, timing = CONFIG.bridges[name].space, PubSubTiming()
+        space, timing = config.bridges[name].space, PubSubTiming()
         self.subscriber = Subscriber(space, timing, Counters(), Codec())
+        self.publisher = Publisher(space, timing, Counters(), Codec())
         ground = CarryGround(
-            Publisher(space, timing, Counters(), Codec()),
+            self.publisher,
             self.subscriber,
-            cast("Any", None),
+            cast("Any", SimpleNamespace(hear=lambda _events, _now: None)),
             cast("Any", SimpleNamespace()),
             Counters(),
             self.mistakes,
@@ -72,7 +73,7 @@ class Bridge:
             answers=lambda _address, sender: sender,
             limits=ResponderLimits(),
         )
-        self.side = carrier_of(CONFIG, name, folder, lambda: records)(ground)
+        self.side = carrier_of(config, name, folder, lambda: records)(ground)
         self.side.begin(self.now)
         self.go_on(0.0)
 

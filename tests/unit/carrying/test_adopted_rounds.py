@@ -79,7 +79,7 @@ def test_the_heir_begins_nothing_of_the_rounds_before() -> None:
     holder.take_part(encode_part(before), 0.0)
     for segment, rounds in ((0, ()), (HEAD, (5,))):
         holder.take_token(encode_token(Token("run", before.plan_hash, 1, segment, 0, rounds=rounds), ()), 0, 1.0)
-    holder.take_adoption(encode_adoption(Adoption(made, 301, "anna"), encode_part(made)), 20.0)
+    holder.take_adoption(encode_adoption(Adoption(made, (301,), "anna"), encode_part(made)), 20.0)
     held = holder.runs["run"]
     assert [held.is_known(SegmentRound(TWO, (number,))) for number in (3, 4, 5, 6)] == [True, True, False, False]
     old = Token("run", made.plan_hash, 2, TWO, 0, "", {}, (3,))
@@ -139,7 +139,7 @@ def test_rounds_that_the_heir_knows_to_be_over_are_not_sent_however_many() -> No
     last = SegmentRound(TWO, (2999,))
     assert needed == {str(last): lines[last]}
     assert TaskAnswered(9.0, f"{LOOP.segments[TWO].steps[0].key}@2999", Then.RETRY, "anna") in places[last]
-    made = replace(Adoption(parts(2, heir=300, gone=301)[300], 301, "anna"), facts=needed)
+    made = replace(Adoption(parts(2, heir=300, gone=301)[300], (301,), "anna"), facts=needed)
     assert len(encode_adoption(made, encode_part(made.part))) < 2000
 
 

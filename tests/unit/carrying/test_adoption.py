@@ -71,7 +71,7 @@ class Bridge:
 
 
 def adoption(space: int, gone: int, **other: object) -> bytes:
-    made = Adoption(parts(2, heir=space, gone=gone)[space], gone, "anna")
+    made = Adoption(parts(2, heir=space, gone=gone)[space], (gone,), "anna")
     return encode_adoption(replace(made, **other), encode_part(made.part))  # type: ignore[arg-type]
 
 
@@ -82,9 +82,9 @@ def token(segment: int, epoch: int = 1) -> bytes:
 
 
 def test_the_first_bridge_that_all_take_actions_of_is_the_heir() -> None:
-    assert heir_of(PLAN, 301, VIEW) == 300
-    assert heir_of(PLAN, 300, VIEW) == 301
-    assert heir_of(PLAN, 301, replace(VIEW, requestors={})) == 300, "a bridge alone needs nobody"
+    assert heir_of(PLAN, [301], VIEW) == 300
+    assert heir_of(PLAN, [300], VIEW) == 301
+    assert heir_of(PLAN, [301], replace(VIEW, requestors={})) == 300, "a bridge alone needs nobody"
 
 
 def test_the_heir_goes_on_from_its_own_results_and_what_was_heard() -> None:
@@ -132,17 +132,17 @@ def test_an_adoption_of_another_run_or_plan_or_of_one_that_is_over_is_refused() 
     bridge = Bridge(301)
     other = replace(parts(2, heir=301, gone=300)[301], run_id="other")
     with pytest.raises(RunRefused, match="no part of run other"):
-        bridge.holder.take_adoption(encode_adoption(Adoption(other, 300, "anna"), encode_part(other)), 1.0)
+        bridge.holder.take_adoption(encode_adoption(Adoption(other, (300,), "anna"), encode_part(other)), 1.0)
     old = replace(parts()[301], plan_hash=bytes(8))
     with pytest.raises(RunRefused, match="epoch 1"):
-        bridge.holder.take_adoption(encode_adoption(Adoption(old, 300, "anna"), encode_part(old)), 1.0)
+        bridge.holder.take_adoption(encode_adoption(Adoption(old, (300,), "anna"), encode_part(old)), 1.0)
     for broken in (b"", b"x" * 50, b"x" * 40_000, adoption(301, 300)[:-5]):
         with pytest.raises(PartInvalid):
             bridge.holder.take_adoption(broken, 1.0)
     bridge.holder.take_end("run", "aborted", "enough", 0, 2.0)
     with pytest.raises(RunRefused, match="is over here"):
         bridge.holder.take_adoption(adoption(301, 300), 3.0)
-    assert decode_adoption(adoption(301, 300)).gone == 300
+    assert decode_adoption(adoption(301, 300)).gone == (300,)
 
 
 def test_a_bridge_that_was_away_begins_nothing_before_it_has_asked() -> None:
@@ -185,7 +185,7 @@ def test_a_late_bridge_parks_what_it_has(epoch: int | None, outcome: str) -> Non
     bridge.holder.take_token(token(1), 300, 1.0)
     late = bridge.again()
     late.again(50.0)
-    (stop,) = late.told_epoch(AskEpoch("run", 300), epoch, 51.0)
+    (stop,) = late.told_epoch(AskEpoch("run", 300), epoch, 51.0, left_out=True)
     assert isinstance(stop, Stop)
     assert stop.places == (SegmentRound(1),)
     closed = bridge.facts[-1]
@@ -204,6 +204,52 @@ def test_a_bridge_whose_token_is_refused_asks_why() -> None:
     assert AskEpoch("run", 301) in list(bridge.holder.to_send())
     assert bridge.holder.told_epoch(AskEpoch("run", 301), 1, 3.0) == []
     assert list(bridge.holder.to_send()) == [sent]
+
+
+def three(epoch: int = 1) -> dict[int, Part]:
+    """Three bridges do a task each; with the second epoch, the last one is off and the first one has its task."""
+    made = plan(task("one", "a"), task("two", "b"), task("three", "c"))
+    if epoch > 1:
+        made = plan_without(made, 302, 300)
+    return parts_of(made, "run", "made", {}, "anna", adopt_after_s=AWAY_S, epoch=epoch)
+
+
+def second_epoch(space: int) -> bytes:
+    part = three(2)[space]
+    return encode_adoption(Adoption(part, (302,), "anna"), encode_part(part))
+
+
+@pytest.mark.parametrize("was_away", [False, True])
+def test_a_bridge_that_hears_of_an_epoch_before_its_part_comes_waits_for_that(*, was_away: bool) -> None:
+    facts: list[CarryFact] = []
+    behind, heir = Holder(301, facts.append), Holder(300, lambda _fact: None)
+    behind.take_part(encode_part(three()[301]), 0.0)
+    heir.take_part(encode_part(three()[300]), 0.0)
+    heir.take_adoption(second_epoch(300), 20.0)
+    behind.take_token(encode_token(Token("run", three()[301].plan_hash, 1, 1, 0), ()), 300, 1.0)
+    if was_away:
+        behind = Holder(301, facts.append, list(facts))
+        assert behind.again(50.0) == []
+    else:
+        behind.segment_ended("run", SegmentRound(1), 2.0)
+        (sent,) = behind.to_send()
+        assert isinstance(sent, SendToken)
+        behind.refused(sent)
+    told = heir.asked_epoch(heir.runs["run"], 301)
+    assert told == {"epoch": 2, "left_out": False}
+    assert heir.asked_epoch(heir.runs["run"], 302)["left_out"]
+    assert behind.told_epoch(AskEpoch("run", 300), now=51.0, **told) == []
+    assert behind.runs["run"].closed is None
+    assert bool(behind.in_doubt) is was_away, "a token of it may be on its way to another one still"
+
+    effects = behind.take_adoption(second_epoch(301), 60.0)
+    assert [type(one) for one in effects] == ([Gone, Begin] if was_away else [Gone])
+    assert not behind.in_doubt
+    behind.segment_ended("run", SegmentRound(1), 61.0)
+    (sent,) = behind.to_send()
+    assert isinstance(sent, SendToken)
+    begun = heir.take_token(sent.content, 301, 62.0)
+    assert [one.segment.number for one in begun if isinstance(one, Begin)] == [2], "it is taken with the new epoch"
 
 
 ASSIGNED = TaskAssigned(1.0, "1", "two", 1, "b", "00" * 16, "work")
@@ -268,9 +314,9 @@ def test_a_bridge_that_cannot_write_that_it_was_adopted_asks_again() -> None:
     holder.refused(sent)
     asked = AskEpoch("run", 301)
     with pytest.raises(StorageUnavailable):
-        holder.told_epoch(asked, 2, 3.0)
+        holder.told_epoch(asked, 2, 3.0, left_out=True)
     assert asked in list(holder.to_send())
-    holder.told_epoch(asked, 2, 4.0)
+    holder.told_epoch(asked, 2, 4.0, left_out=True)
     assert list(holder.to_send()) == []
 
 
@@ -280,8 +326,8 @@ def test_a_bridge_that_was_away_hears_that_the_run_is_over() -> None:
     other.holder.take_end("run", "aborted", "enough", 0, 2.0)
     late = bridge.again()
     assert late.again(50.0) == []
-    told = other.holder.asked_epoch(other.holder.runs["run"])
-    assert told == {"epoch": 1, "outcome": "aborted", "reason": "enough"}
+    told = other.holder.asked_epoch(other.holder.runs["run"], 301)
+    assert told == {"epoch": 1, "left_out": False, "outcome": "aborted", "reason": "enough"}
     (stop,) = late.told_epoch(AskEpoch("run", 300), told.pop("epoch"), 51.0, **told)
     assert stop == Stop("run", (SegmentRound(1),), "enough")
     for holder in (late, bridge.again()):
@@ -293,12 +339,12 @@ def test_a_bridge_that_was_away_hears_that_the_run_is_over() -> None:
 
 def test_a_bridge_that_was_left_out_itself_does_not_say_that_another_one_was_not() -> None:
     bridge, other = Bridge(301), Bridge(300)
-    assert other.holder.asked_epoch(other.holder.runs["run"]) == {"epoch": 1}
+    assert other.holder.asked_epoch(other.holder.runs["run"], 301) == {"epoch": 1, "left_out": False}
     late = other.again()
     late.again(50.0)
-    late.told_epoch(AskEpoch("run", 301), 2, 51.0)
+    late.told_epoch(AskEpoch("run", 301), 2, 51.0, left_out=True)
     with pytest.raises(RunRefused, match="is over here: adopted"):
-        late.asked_epoch(late.runs["run"])
+        late.asked_epoch(late.runs["run"], 301)
     bridge.holder.take_token(token(1), 300, 1.0)
     bridge.holder.segment_ended("run", SegmentRound(1), 2.0)
     (sent,) = bridge.holder.to_send()

@@ -243,8 +243,8 @@ def test_an_end_is_said_also_where_its_reason_is_long(bridge: Bridge) -> None:
     assert closed is not None
     assert closed.outcome == "failed"
     assert closed.reason.startswith("é\x00é")
-    told = decode_words(encode_words(**last.holder.asked_epoch(last.holder.runs["run"])))
-    assert told == {"epoch": 1, "outcome": "failed", "reason": closed.reason}
+    told = decode_words(encode_words(**last.holder.asked_epoch(last.holder.runs["run"], 301)))
+    assert told == {"epoch": 1, "left_out": False, "outcome": "failed", "reason": closed.reason}
 
 
 def test_that_a_run_is_lost_is_told_to_those_alone_that_take_something_from_the_bridge() -> None:

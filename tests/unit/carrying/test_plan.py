@@ -298,7 +298,7 @@ def test_a_part_with_a_number_that_is_none_is_refused(key: str, number: str) -> 
 @pytest.mark.parametrize("key", ["gone", "filled"])
 def test_an_adoption_with_a_number_that_is_none_is_refused(key: str) -> None:
     part = parts_of(plan(task("one", "a")), "run", "made", {}, "anna")[300]
-    made = Adoption(part, 301, "anna", (FilledSlot(0, 0, "", {}),))
+    made = Adoption(part, (301,), "anna", (FilledSlot(0, 0, "", {}),))
     data = json.loads(zlib.decompress(encode_adoption(made, encode_part(part))))
     data[key] = float("inf") if key == "gone" else [[float("inf"), *data[key][0][1:]]]
     with pytest.raises(PartInvalid):

@@ -191,7 +191,7 @@ def test_what_was_told_to_the_mailbox_of_a_bridge_that_is_off_is_told_to_its_hei
                 assert isinstance(sent, SendToken)
                 bridge.holder.handed_over(sent, 3.0)
     parts = parts_of(plan_without(READ, 301, 302), "run", "made", {}, "anna", adopt_after_s=10.0, epoch=2)
-    bridge.holder.take_adoption(encode_adoption(Adoption(parts[300], 301, "anna"), encode_part(parts[300])), 4.0)
+    bridge.holder.take_adoption(encode_adoption(Adoption(parts[300], (301,), "anna"), encode_part(parts[300])), 4.0)
     for holder in (bridge.holder, bridge.again()):
         told = [sent for sent in holder.to_send() if isinstance(sent, SendToken) and sent.road.segment == READ_MAILBOX]
         assert [(sent.road.space, sent.source.rounds) for sent in told] == [(302, (1,))]

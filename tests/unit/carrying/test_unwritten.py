@@ -70,7 +70,7 @@ def test_what_follows_from_a_pause_or_an_adoption_is_gone_over_again() -> None:
     assert [type(one) for one in bridge.holder.take_pause("run", False, "anna", 2.1)] == [Begin]
     bridge = FullBridge()
     part = parts_of(plan_without(PLAN, 300, 301), "run", "made", {}, "anna", epoch=2)[301]
-    adoption = encode_adoption(Adoption(part, 300, "anna"), encode_part(part))
+    adoption = encode_adoption(Adoption(part, (300,), "anna"), encode_part(part))
     bridge.refused = [SegmentBegun, SegmentBegun]
     for now in (1.0, 2.0):
         with pytest.raises(StorageUnavailable):

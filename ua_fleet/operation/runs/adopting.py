@@ -1,4 +1,4 @@
-"""What bridges of a carried run are told when another one is off; see `carried_adoption`."""
+"""What bridges of a carried run are told when others are off; see `carried_adoption`."""
 
 from __future__ import annotations
 
@@ -26,13 +26,20 @@ class Adopting:
     parts: Mapping[int, Part]
     results: Mapping[str, Value]
     segments: Mapping[int, PartSegment]
-    """Of the bridge that is off."""
+    """Of the bridges that are off."""
     facts: Mapping[SegmentRound, tuple[str, ...]]
     """What is known of them."""
     begun: Sequence[FilledSlot]
     """Tokens that the others have, or newer ones, as facts of theirs say."""
+    stand_ins: Mapping[str, Mapping[str, str]]
+    """Who stands in for robots, as far as was fetched."""
     filled: dict[int, tuple[FilledSlot, ...]] = field(default_factory=dict[int, tuple[FilledSlot, ...]])
     """What the others have, by their spaces."""
+
+    @property
+    def gone(self) -> tuple[int, ...]:
+        """The spaces of the bridges that are off."""
+        return (*self.said.also, self.said.space)
 
     def may_be_told(self, space: int) -> bool:
         """Whether a bridge can be told now: the heir is the last one, and gets what the others have."""
@@ -41,11 +48,11 @@ class Adopting:
     def content_for(self, space: int) -> bytes:
         """What one bridge is told; raises PartInvalid where it is too large."""
         part = self.parts[space]
-        adoption = Adoption(part, self.said.space, self.said.by)
+        adoption = Adoption(part, self.gone, self.said.by)
         if space == self.said.heir:
             filled = tuple([slot for slots in self.filled.values() for slot in slots])
             facts = needed_places(self.segments, self.facts, (*filled, *self.begun))
-            adoption = Adoption(part, self.said.space, self.said.by, filled, self.results, facts)
+            adoption = Adoption(part, self.gone, self.said.by, filled, self.results, facts, self.stand_ins)
         return encode_adoption(adoption, encode_part(part))
 
     def take(self, space: int, result: bytes) -> None:

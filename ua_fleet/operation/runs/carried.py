@@ -9,8 +9,10 @@
               a bridge is silent, and an operator says that it is off --> adopting
               an operator aborts it ---------------------------------------> closing
     adopting  the bridges that are left get their parts anew, with the next epoch; then the heir --all have--> following
+              one of them is silent too, and an operator says that it is off --> adopting, without both
               one does not take it, and says that the run is over -----------> following
     closing   each bridge is told the end --all have acknowledged----------> ended
+              one is silent, and an operator says that it is off: it is told when it answers
 
 A run that was following when the server ended is followed by the next one; one that had not begun is closed. A bridge
 that is away keeps the run from ending here, and is named; the run itself goes on without the server.
@@ -21,6 +23,7 @@ from __future__ import annotations
 import secrets
 import zlib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 from ua_fleet.carrying import Split, encode_part, parts_of, split
@@ -29,10 +32,12 @@ from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, UaFleetError
 from ua_fleet.operation.log import Log, MistakeLog
+from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.operation.runs.carried_adoption import Adoptions, plan_view
 from ua_fleet.operation.runs.carried_questions import BridgesAnswered, CarriedQuestions, is_good
 from ua_fleet.operation.runs.carried_state import AskedBridge, CarriedPhase, FollowedRun
 from ua_fleet.operation.runs.library import Checked, parameters_of
+from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.run_commands import new_run_id
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.skills.commands import SkillCommands
@@ -43,6 +48,7 @@ from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import (
     OutsideTold,
+    RunAdopted,
     RunCarried,
     RunClosing,
     RunCreated,
@@ -50,6 +56,7 @@ from ua_fleet.scenario.facts import (
     RunOutcome,
     RunPaused,
     RunResumed,
+    StandInTold,
     StepStarted,
     decode_fact,
     encode_fact,
@@ -85,7 +92,7 @@ MOST_REASON: Final = 600
 """Characters of the reason that bridges are told: whatever they are, a bridge can read them."""
 MOST_JSON_BYTES: Final = 1_000_000
 """Of one page, decompressed."""
-_OF_SEGMENTS: Final = (RunCreated, RunPaused, RunResumed, RunClosing, RunEnded, OutsideTold)
+_OF_SEGMENTS: Final = (RunCreated, RunPaused, RunResumed, RunClosing, RunEnded, OutsideTold, StandInTold)
 """Facts of a segment that say nothing of the run: the server notes its own."""
 _OUTCOMES: Final = {"done": RunOutcome.DONE, "failed": RunOutcome.FAILED, "aborted": RunOutcome.ABORTED}
 
@@ -152,7 +159,10 @@ class CarriedRuns:
                 self._close(run, closing.outcome.value, closing.reason, is_noted=True)
             elif not has_begun:
                 self._close(run, "aborted", "the server ended before every bridge had its part")
+            run.late = {space: AskedBridge() for space in record.state.untold}
             self._hold(run)
+        self._late = {record.run_id: _late_run(record) for record in service.untold}
+        """Runs that have ended without bridges that were off."""
 
     # People.
 
@@ -242,10 +252,15 @@ class CarriedRuns:
     def adopt(self, run_id: str, bridge: str, done: Sequence[str], by: str) -> str:
         """A person says that a bridge is off, and what its robots have done: another one goes on; its name.
 
+        Where the run is to end it does so without the bridge, and nobody goes on; the bridge is told when it answers.
+
         Raises:
             ScenarioError: the bridge has answered a moment ago, or no other one can go on.
         """
         run = self._runs[run_id]
+        if run.phase is CarriedPhase.CLOSING:
+            self._end_without(run, bridge, by)
+            return ""
         self._service.note(run_id, sorted(run.fetched, key=lambda fact: fact.at))
         run.fetched = []
         run.adopting = self._adoptions.begin(run, bridge, done, by)
@@ -256,6 +271,13 @@ class CarriedRuns:
         self._enter(run, CarriedPhase.ADOPTING, 0.0)
         self._sooner()
         return self._names[said.heir]
+
+    def _end_without(self, run: FollowedRun, bridge: str, by: str) -> None:
+        space = self._adoptions.silent(run, bridge)
+        self._service.note(run.run_id, [RunAdopted(self._wall_s(), space, 0, (), by)])
+        self._log.warning("a carried run ends without a bridge", run_id=run.run_id, bridge=bridge, by=by)
+        run.late[space] = run.bridges.pop(space)
+        self._sooner()
 
     def answer(self, run_id: str, step: str, answer: str, by: str, said: BridgesAnswered) -> None:
         """Hand on to all bridges what an operator says of a task: the one that has asked takes it."""
@@ -298,7 +320,7 @@ class CarriedRuns:
         if run is None or asked is None:
             return
         asked.is_heard = True
-        is_new = values[RUN_DATA_COUNT] > asked.count or (values[-1] and not asked.is_complete)
+        is_new = values[RUN_DATA_COUNT] > asked.told or (values[-1] and not asked.is_complete)
         if is_new and run.phase is CarriedPhase.FOLLOWING:
             asked.next_at = min(asked.next_at, self._clock() + NEWS_S)
             self._sooner()
@@ -316,12 +338,26 @@ class CarriedRuns:
         for run in list(self._runs.values()):
             with self._mistakes.guard("carried runs", run_id=run.run_id):
                 self._step(run, now)
+        for run in list(self._late.values()):
+            with self._mistakes.guard("carried runs", run_id=run.run_id):
+                self._tell_late(run, now)
+
+    def _tell_late(self, run: FollowedRun, now: float) -> None:
+        """Tell bridges that were off how the run has ended, once they answer."""
+        missing = {space: asked for space, asked in run.bridges.items() if not asked.is_done}
+        if not missing:
+            del self._late[run.run_id]
+        elif now >= run.until:
+            run.until = now + self._follow_s
+            for space, asked in missing.items():
+                if not asked.is_asked:
+                    self._ask_for(run, space, asked, now)
 
     def next_deadline(self, now: float) -> float | None:
         """When `poll` is to be called next, or None."""
         # One that is being asked is asked nothing else until it has answered, or has not in time.
         bridges = [asked for run in self._runs.values() for asked in run.bridges.values() if not asked.is_asked]
-        deadlines = [asked.next_at for asked in bridges]
+        deadlines = [asked.next_at for asked in bridges] + [run.until for run in self._late.values()]
         if (due := self._commands.next_deadline()) is not None:
             deadlines.append(due)
         return max(now, min(deadlines)) if deadlines else None
@@ -389,7 +425,7 @@ class CarriedRuns:
             case CarriedPhase.BEGINNING if space == run.first and not asked.is_done:
                 word, content = Word.TOKEN, run.token
             case CarriedPhase.ADOPTING if asked.has_refused:
-                word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.count)
+                word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.last)
             case CarriedPhase.ADOPTING if run.adopting and not asked.is_done and run.adopting.may_be_told(space):
                 word, content = Word.ADOPT, run.adopting.content_for(space)
             case CarriedPhase.ADOPTING if not asked.is_done:
@@ -401,15 +437,15 @@ class CarriedRuns:
             case CarriedPhase.FOLLOWING if not asked.has_pause:
                 word, content = Word.PAUSE, encode_words(run=run.run_id, paused=run.is_paused, by=run.paused_by)
             case CarriedPhase.FOLLOWING | CarriedPhase.CLOSING:
-                word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.count)
+                word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.last)
             case _:
                 return
-        phase, is_paused = run.phase, run.is_paused
+        phase, adopting, is_paused = run.phase, run.adopting, run.is_paused
 
         def told(outcome: RequestOutcome) -> None:
             if word is Word.PAUSE and is_good(outcome):
                 asked.has_pause = is_paused == run.is_paused
-            self._answered(run, phase, space, word, outcome)
+            self._answered(run, (phase, adopting), space, word, outcome)
 
         asked.is_asked = self._ask(space, word, content, told)
         if not asked.is_asked:
@@ -437,24 +473,33 @@ class CarriedRuns:
         heard_s = min(HEARD_FOLLOW_S, adopt_s / 2) if adopt_s else HEARD_FOLLOW_S
         return self._follow_s * max(1.0, heard_s / FOLLOW_S) if asked.is_heard else self._follow_s
 
-    def _answered(self, run: FollowedRun, phase: CarriedPhase, space: int, word: Word, outcome: RequestOutcome) -> None:
-        asked, report = run.bridges.get(space), outcome.report
-        if run.run_id not in self._runs or asked is None:
+    def _answered(
+        self,
+        run: FollowedRun,
+        asked_in: tuple[CarriedPhase, Adopting | None],
+        space: int,
+        word: Word,
+        outcome: RequestOutcome,
+    ) -> None:
+        asked, report, (phase, adopting) = run.bridges.get(space, run.late.get(space)), outcome.report, asked_in
+        if asked is None or not (run.run_id in self._runs or run.run_id in self._late):
             return  # it was left out meanwhile
         asked.is_away = outcome.kind in (OutcomeKind.UNKNOWN, OutcomeKind.TIMED_OUT)
         if not asked.is_away:
             asked.answered_at = self._clock()
         has_time = word is Word.FETCH and phase is run.phase
         asked.is_asked, asked.next_at = False, self._clock() + (self._follow_after_s(asked) if has_time else 0.0)
-        asked.has_refused = word is Word.ADOPT and outcome.kind is OutcomeKind.REFUSED
+        is_now = adopting is run.adopting  # else another bridge was left out as well since
+        asked.has_refused = word is Word.ADOPT and is_now and outcome.kind is OutcomeKind.REFUSED
         if is_good(outcome):
             asked.problem = ""
             if word is Word.FETCH:
                 self._take_page(run, asked, report.result)
             elif word is Word.ADOPT and run.adopting is not None:
-                run.adopting.take(space, report.result)
-                asked.is_done = True
-                run.bridges[run.adopting.said.heir].next_at = 0.0  # it may be the last one now
+                if is_now:
+                    run.adopting.take(space, report.result)
+                    asked.is_done = True
+                    run.bridges[run.adopting.said.heir].next_at = 0.0  # it may be the last one now
             elif phase is run.phase:
                 asked.is_done = True
         else:
@@ -469,7 +514,6 @@ class CarriedRuns:
         (packed,) = unpack(result)
         words = decode_words(zlib.decompressobj().decompress(packed.value, MOST_JSON_BYTES), most=MOST_JSON_BYTES)
         for line in words["facts"]:
-            asked.count += 1
             fact = decode_fact(line)
             is_ours = not isinstance(fact, _OF_SEGMENTS) and getattr(fact, "step", "x").partition("@")[0] != ""
             if is_ours and (line := encode_fact(fact)) not in run.known:
@@ -477,7 +521,8 @@ class CarriedRuns:
                 run.fetched_at = run.fetched_at if run.fetched else self._clock()
                 run.fetched.append(fact)
         run.decided += words.get("decisions", ())
-        has_all = asked.count >= words["count"]
+        asked.last, has_all = int(words["last"]), not words["more"]
+        asked.told = int(words["told"]) if has_all else asked.told
         asked.is_caught_up = asked.is_caught_up or has_all
         # One that does not know yet that the run is over may have had a token since, and begun something.
         asked.is_complete = has_all and not words["active"] and words["closed"] is not None
@@ -507,6 +552,10 @@ class CarriedRuns:
         at, outcome, reason = run.closed or (self._wall_s(), "aborted", "")
         ended = _OUTCOMES.get(outcome, RunOutcome.FAILED)
         said = reason if outcome in _OUTCOMES else f"the run is {outcome}: {reason}"
+        if run.late:
+            names = " and ".join([self._names[space] for space in run.late])
+            said = f"{said and f'{said}; '}{names} did not know it: off, as people have said, and told when there"
+            self._late[run.run_id] = replace(run, bridges=run.late, until=self._clock() + self._follow_s)
         self._questions.end(run.run_id)
         self._service.note(run.run_id, [RunEnded(at, ended, said)])
         del self._runs[run.run_id]
@@ -526,6 +575,15 @@ class CarriedRuns:
             if text != run.shown and run.run_id in self._runs:
                 run.shown = text
                 self._service.show_waiting(run.run_id, TaskWaits("", "bridges", "", "", text))
+
+
+def _late_run(record: RunRecord) -> FollowedRun:
+    """A run of the journal that has ended without some of its bridges."""
+    state, closing = record.state, record.state.closing
+    outcome, reason = ("aborted", "") if closing is None else (closing.outcome.value, closing.reason)
+    bridges = {space: AskedBridge() for space in state.untold}
+    closed = (record.ended or 0.0, outcome, reason)
+    return FollowedRun(record.run_id, frozenset(), CarriedPhase.CLOSING, bridges, closed=closed)
 
 
 def _robots(scenario: Scenario) -> frozenset[str]:

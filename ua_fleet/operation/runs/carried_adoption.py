@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 
 from ua_fleet.carrying import Part, Plan, PlanView, parts_of, split
-from ua_fleet.carrying.adoption import adopted_places, begun_slots, heir_of, plan_without
+from ua_fleet.carrying.adoption import adopted_places, begun_slots, heir_of, may_be_heir, plan_without_all
 from ua_fleet.config.connections import connection_numbers
 from ua_fleet.config.relays import speakers_on
 from ua_fleet.config.schema import FleetConfig
@@ -65,6 +65,15 @@ def _heard_by(config: FleetConfig, space: int) -> frozenset[int]:
     return frozenset(heard)
 
 
+def _before(facts: Sequence[Fact], also: Collection[int]) -> list[Fact]:
+    """Facts without those that bridges were left out of which not all others knew."""
+    return [fact for fact in facts if not (isinstance(fact, RunAdopted) and fact.space in also)]
+
+
+def _abort(run: FollowedRun) -> str:
+    return f"ua-fleet scenario abort {run.run_id}"
+
+
 class Adoptions:
     """What can be adopted of carried runs, and what the bridges are told then."""
 
@@ -85,32 +94,40 @@ class Adoptions:
     def begin(self, run: FollowedRun, bridge: str, done: Sequence[str], by: str) -> Adopting:
         """A person says that a bridge of a run is off, of which all that was fetched is in the journal.
 
+        Where others are told of one that was left out before, this one is left out with it.
+
         Raises:
-            ScenarioError: the bridge has answered a moment ago, another one is silent too, none can go on, or the plan
-                is another one.
+            ScenarioError: the bridge has answered a moment ago, none can go on, or the plan is another one.
         """
+        before = run.adopting if run.phase is CarriedPhase.ADOPTING else None
+        is_possible = run.phase is CarriedPhase.FOLLOWING or before is not None
+        space = self.silent(run, bridge, is_possible=is_possible and run.closed is None)
+        if before is not None and not self._is_silent(run, space):  # one that knows it already is not asked now
+            raise ScenarioError(f"{bridge} knows that another one is off; see whether it answers once all others do")
+        facts = self._service.facts_of(run.run_id)
+        also = () if before is None else before.gone
+        said_before = () if before is None else before.said.done
+        heir = self._heir(facts, run, (*also, space))
+        said = RunAdopted(self._wall_s(), space, heir, (*said_before, *done), by, also)
+        made = self._made(run.run_id, facts, said)
+        made.content_for(heir)  # refuses what is too large, before anything is written down
+        return made
+
+    def silent(self, run: FollowedRun, bridge: str, *, is_possible: bool = True) -> int:
+        """The space of a bridge that has not answered for long; raises ScenarioError where it has."""
         space = next((space for space in run.bridges if self._names[space] == bridge), None)
-        if space is None or run.phase is not CarriedPhase.FOLLOWING or run.closed is not None:
+        if space is None or not is_possible:
             raise ScenarioError(f"run {run.run_id} is {run.phase.value}, and {bridge[:80]!r} cannot be left out")
         silent_s = self._clock() - run.bridges[space].answered_at
         if silent_s < self._after_s:
             raise ScenarioError(
                 f"{bridge} has answered {silent_s:.0f} s ago, and can be left out after {self._after_s:g} s"
             )
-        if others := [self._names[one] for one in run.bridges if one != space and self._is_silent(run, one)]:
-            raise ScenarioError(
-                f"{bridge} can be left out while all other bridges of the run answer, since each is told that; start"
-                f" {', '.join(others)}, or abort it: ua-fleet scenario abort {run.run_id}"
-            )
-        facts = self._service.facts_of(run.run_id)
-        heir = self._heir(facts, space, [one for one, asked in run.bridges.items() if asked.is_away])
-        made = self._made(run.run_id, facts, RunAdopted(self._wall_s(), space, heir, tuple(done), by))
-        made.content_for(heir)  # refuses what is too large, before anything is written down
-        return made
+        return space
 
     def again(self, run_id: str, facts: Sequence[Fact]) -> Adopting | None:
         """After a restart: what bridges are to be told last, which may know it; None where none was left out."""
-        numbers = [number for number, fact in enumerate(facts) if isinstance(fact, RunAdopted)]
+        numbers = [number for number, fact in enumerate(facts) if isinstance(fact, RunAdopted) and fact.heir]
         if not numbers:
             return None
         said = facts[numbers[-1]]
@@ -128,12 +145,16 @@ class Adoptions:
         silent, name = f", nor has it answered for {self._after_s:g} s", self._names[space]
         abort = f"ua-fleet scenario abort {run.run_id}"
         if run.phase is CarriedPhase.ADOPTING and run.adopting is not None and not run.bridges[space].is_done:
-            gone = self._names[run.adopting.said.space]
-            return f"{silent}; the run goes on without {gone} once {name} knows it: start {name}, or abort it: {abort}"
+            gone = " and ".join([self._names[one] for one in run.adopting.gone])
+            return (
+                f"{silent}; the run goes on without {gone} once {name} knows it: start {name}, or abort it: {abort}; if"
+                f" it is off for good too: ua-fleet scenario adopt {run.run_id} {name} --off"
+            )
+        if run.phase is CarriedPhase.CLOSING and not run.bridges[space].is_done:
+            leave = f"ua-fleet scenario adopt {run.run_id} {name} --off"
+            return f"{silent}; if it is off for good, have the run end without it: {leave}"
         if run.phase is not CarriedPhase.FOLLOWING or len(run.bridges) == 1:
             return ""
-        if any(self._is_silent(run, other) for other in run.bridges if other != space):
-            return f"{silent}; one bridge can be left out while the others answer: start them, or abort it: {abort}"
         return (
             f"{silent}; if it is off for good, see what its robots have done, and"
             f" have another bridge go on: ua-fleet scenario adopt {run.run_id} {name} --off"
@@ -159,20 +180,29 @@ class Adoptions:
     @staticmethod
     def _plan_now(plan: Plan, facts: Sequence[Fact]) -> tuple[Plan, int]:
         """What has become of it with each bridge that was left out since, and the epoch."""
-        adopted = [fact for fact in facts if isinstance(fact, RunAdopted)]
+        adopted = [fact for fact in facts if isinstance(fact, RunAdopted) and fact.heir]
         for each in adopted:
-            plan = plan_without(plan, each.space, each.heir)
+            plan = plan_without_all(plan, (*each.also, each.space), each.heir)
         return plan, 1 + len(adopted)
 
-    def _heir(self, facts: Sequence[Fact], gone: int, away: Collection[int]) -> int:
-        """Who goes on for a bridge: none of those that do not answer."""
-        plan, _ = self._plan_now(self._first_plan(facts), facts)
-        view, name = plan_view(self._config, self._service), self._names[gone]
+    def _heir(self, facts: Sequence[Fact], run: FollowedRun, gone: tuple[int, ...]) -> int:
+        """Who goes on for bridges: none of those that do not answer."""
+        plan, _ = self._plan_now(self._first_plan(facts), _before(facts, gone[:-1]))
+        view, name = plan_view(self._config, self._service), " and ".join([self._names[one] for one in gone])
+        away = [one for one, asked in run.bridges.items() if asked.is_away]
+        if run.adopting is not None and len(gone) > 1 and (said := run.adopting.said.heir) not in gone:
+            # It may know already that it goes on for those before.
+            if may_be_heir(plan, gone, said, view):
+                return said
+            why = f"{self._names[said]} goes on for those before, and may not take the place of all: see `requestors`"
+            raise ScenarioError(f"{why}; start {self._names[gone[-1]]}, or abort it: {_abort(run)}")
         if (heir := heir_of(plan, gone, view, away)) is not None:
             return heir
         if (late := heir_of(plan, gone, view)) is not None:
-            raise ScenarioError(f"{self._names[late]} could take the place of {name}, and does not answer now")
-        raise ScenarioError(f"no other bridge of the run may take the place of {name}: see `requestors` of all")
+            could = f"{self._names[late]} could take the place of {name}, and does not answer now"
+            raise ScenarioError(f"{could}; start it, or abort it: {_abort(run)}")
+        why = f"no other bridge of the run may take the place of {name}: see `requestors` of all"
+        raise ScenarioError(f"{why}; or abort it: {_abort(run)}")
 
     def _made(self, run_id: str, facts: Sequence[Fact], said: RunAdopted) -> Adopting:
         """What the bridges are told; `facts` are those before it was said."""
@@ -186,20 +216,21 @@ class Adoptions:
 
         if any(part.plan_hash.hex() != carried.plan_hash for part in parts(plan, 1).values()):
             raise ScenarioError(f"the fleet has changed since run {run_id} began, so that its plan is another one now")
-        first, (plan, epoch) = plan, self._plan_now(plan, facts)
+        first, gone, (_, epoch) = plan, (*said.also, said.space), self._plan_now(plan, facts)
+        plan, _ = self._plan_now(plan, _before(facts, said.also))
         before = parts(plan, epoch)
         # Of segments that were adopted before, facts may be of a bridge that is off.
-        others = [one for space, part in before.items() if space != said.space for one in part.segments.values()]
+        others = [one for space, part in before.items() if space not in gone for one in part.segments.values()]
         own = [one for one in others if first.segments[one.number].space == plan.segments[one.number].space]
         state = RunState()
         for fact in facts:
             state.apply(fact)
-        segments = before[said.space].segments
+        segments = {number: one for space in gone for number, one in before[space].segments.items()}
         known = {
             place: tuple([encode_fact(fact) for fact in adopted])
             for one in segments.values()
             for place, adopted in adopted_places(one, facts, said.done, said.at, said.by).items()
         }
         results = {f"{task}.{name}": value for task, given in state.results.items() for name, value in given.items()}
-        new = parts(plan_without(plan, said.space, said.heir), epoch + 1)
-        return Adopting(said, new, results, segments, known, begun_slots(own, facts))
+        new = parts(plan_without_all(plan, gone, said.heir), epoch + 1)
+        return Adopting(said, new, results, segments, known, begun_slots(own, facts), state.stand_ins)

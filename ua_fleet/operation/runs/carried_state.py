@@ -38,8 +38,10 @@ class AskedBridge:
     """Whether nothing has come of the last question."""
     has_refused: bool = False
     """Whether it has refused to be told that another one is off: it may know that the run is over."""
-    count: int = 0
-    """Facts that were fetched."""
+    last: int = 0
+    """The number that the bridge gives the last fact which was fetched."""
+    told: int = 0
+    """How many facts its DataSet told of when all were fetched that it had."""
     is_caught_up: bool = False
     """Whether all was fetched once that it had: what the others say may be put in order with it."""
     has_pause: bool = True
@@ -77,6 +79,8 @@ class FollowedRun:
     """What bridges have told of their decisions, which is shown after their facts."""
     fetched_at: float = 0.0
     """When the first of them came, by the monotonic clock."""
+    late: dict[int, AskedBridge] = field(default_factory=dict[int, AskedBridge])
+    """Bridges that are off, without which the run ends: they are told when they answer."""
     known: set[str] = field(default_factory=set[str])
     """Facts that are in the journal already, as lines."""
     shown: str = ""

@@ -174,6 +174,8 @@ class ScenarioService:
         self.fault_reports = FaultReports(self._orchestrator, news, self._do, self._robot, wall_s)
         self.carried: list[RunRecord] = []
         """Runs of the journal that bridges carry, and that have not ended."""
+        self.untold: list[RunRecord] = []
+        """Those that have ended without bridges that were off, which are to know it."""
         # What the core of the server says of robots goes there at once.
         self.value_changed, self.published, self.fleet_changed = news.value_changed, news.published, news.fleet_changed
         self.heard, self.source_lost, self.source_returned = news.heard, news.source_lost, news.source_returned
@@ -239,6 +241,7 @@ class ScenarioService:
         self._journal.prune(self._config.scenarios.kept_runs)
         found = runs_of_journal(self._journal, self.check, log=self._log, now=now)
         self.carried += found.carried
+        self.untold += [record for record in found.records if record.state.untold and record.state.outcome is not None]
         outputs = restore_faults(self._journal.faults(), self._robots, self._orchestrator, self.news.finder, now)
         outputs += self._orchestrator.not_heard(self._robots, now)
         self._orchestrator.restore_judgements(self._judgements.restored(self.settings, found.going_on_ids))

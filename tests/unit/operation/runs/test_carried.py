@@ -11,7 +11,7 @@ import pytest
 import structlog
 
 from tests.unit.operation.runs.world import World
-from ua_fleet.carrying.adoption import decode_adoption
+from ua_fleet.carrying.adoption import Adoption, decode_adoption
 from ua_fleet.carrying.token import SegmentRound
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
@@ -67,7 +67,8 @@ def answer(content: bytes = b"") -> RequestOutcome:
 
 def page(*facts: str, closed: str = "") -> RequestOutcome:
     """What a bridge says that has these facts, and whose run has ended so."""
-    words: dict[str, Any] = {"facts": facts, "count": len(facts), "active": [], "waits": "", "decisions": []}
+    words: dict[str, Any] = {"facts": facts, "last": len(facts), "more": False, "told": len(facts)}
+    words |= {"active": [], "waits": "", "decisions": []}
     words["closed"] = [50.0, closed, ""] if closed else None
     return answer(zlib.compress(encode_words(**words)))
 
@@ -271,20 +272,69 @@ def test_a_bridge_that_refuses_an_adoption_for_now_is_told_again(world: Carried)
     assert (302, Word.FETCH) in world.asked(6.0), "the run is followed"
 
 
-def test_a_bridge_is_left_out_only_while_the_others_answer(world: Carried) -> None:
+def adoptions(world: Carried, space: int) -> list[Adoption]:
+    """What a bridge was told of others that are off."""
+    told = [content for asked, word, content in world.bridges.contents if (asked, word) == (space, Word.ADOPT)]
+    return [decode_adoption(content) for content in told]
+
+
+def test_two_bridges_that_are_off_at_once_are_left_out_one_after_the_other(world: Carried) -> None:
     run_id = world.begin()
     world.bridges.off |= {300, 301}
     world.go(AWAY_S + 10)
-    assert "one bridge can be left out while the others answer" in world.reason()
-    assert "--off" not in world.reason()
-    with pytest.raises(ScenarioError, match=f"start c0, or abort it: ua-fleet scenario abort {run_id}"):
-        world.carried.adopt(run_id, "c1", (), "anna")
-    assert not world.facts(RunAdopted)
-    world.bridges.off.discard(300)
+    for name in ("c0", "c1"):
+        assert f"ua-fleet scenario adopt {run_id} {name} --off" in world.reason()
+    assert world.carried.adopt(run_id, "c1", ("t1",), "anna") == "c2", "c0 does not answer"
+    world.go(3.0)
+    assert not adoptions(world, 302), "c0 may know more, and does not answer"
+    assert "the run goes on without c1 once c0 knows it: start c0, or abort it" in world.reason()
+    assert f"if it is off for good too: ua-fleet scenario adopt {run_id} c0 --off" in world.reason()
+
+    assert world.carried.adopt(run_id, "c0", ("t0",), "anna") == "c2"
+    world.go(1.0)
+    (told,) = adoptions(world, 302)
+    assert (told.part.epoch, told.gone, set(told.part.segments)) == (3, (301, 300), {0, 1, 2})
+    assert set(told.facts) == {"0", "1"}, "what the person has said of both counts"
+    assert [[*fact.also, fact.space] for fact in world.facts(RunAdopted)] == [[301], [301, 300]]
+    assert (302, Word.FETCH) in world.asked(6.0), "the run goes on"
+    world.bridges.does[302, Word.FETCH] = page(closed="done")
     world.go(6.0)
-    assert "c1: it does not answer, nor has it answered for 20 s" in world.reason()
-    assert f"ua-fleet scenario adopt {run_id} c1 --off" in world.reason()
-    assert world.carried.adopt(run_id, "c1", (), "anna") == "c0"
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.DONE]
+
+
+def test_an_heir_that_is_off_before_it_knows_is_left_out_as_well(world: Carried) -> None:
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    assert world.carried.adopt(run_id, "c1", ("t1",), "anna") == "c0"
+    world.bridges.off.add(300)
+    world.go(AWAY_S + 10)
+    assert [one.part.epoch for one in adoptions(world, 302)] == [2]
+    with pytest.raises(ScenarioError, match="c2 knows that another one is off"):
+        world.carried.adopt(run_id, "c2", (), "anna")
+    assert world.carried.adopt(run_id, "c0", (), "anna") == "c2"
+    world.go(1.0)
+    last = adoptions(world, 302)[-1]
+    assert (last.part.epoch, last.gone, set(last.part.segments)) == (3, (301, 300), {0, 1, 2})
+    assert (302, Word.FETCH) in world.asked(6.0), "the run goes on"
+
+
+def test_a_late_answer_to_the_adoption_before_does_not_count_for_the_next_one(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 4)
+    run_id = world.begin()
+    world.bridges.off |= {302, 303}
+    world.go(AWAY_S + 10)
+    world.bridges.does[301, Word.ADOPT] = None
+    assert world.carried.adopt(run_id, "c3", (), "anna") == "c0"
+    world.go(0.5)
+    assert [space for space, word, *_ in world.bridges.open if word is Word.ADOPT] == [301]
+    assert world.carried.adopt(run_id, "c2", (), "anna") == "c0"
+    world.bridges.does.clear()
+    world.go(0.1)  # only now it answers
+    assert not world.mistakes.count
+    world.go(1.0)
+    assert [one.part.epoch for one in adoptions(world, 301)] == [2, 3], "it is told the next one as well"
+    assert [one.part.epoch for one in adoptions(world, 300)] == [3]
 
 
 def test_a_bridge_that_does_not_answer_now_is_no_heir(world: Carried) -> None:
@@ -306,6 +356,56 @@ def test_no_bridge_that_answers_may_be_the_heir(world: Carried) -> None:
         world.carried.adopt(run_id, "c1", (), "anna")
 
 
+def test_a_run_that_nobody_can_go_on_with_ends_without_the_bridges_that_are_off(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 2)
+    run_id = world.begin()
+    world.bridges.off |= {300, 301}
+    world.go(AWAY_S + 10)
+    with pytest.raises(ScenarioError, match=f"abort it: ua-fleet scenario abort {run_id}"):
+        world.carried.adopt(run_id, "c1", (), "anna")
+    world.carried.abort(run_id, "", "anna")
+    world.go(AWAY_S + 10)
+    assert world.carried.has(run_id), "it waits for both"
+    assert f"have the run end without it: ua-fleet scenario adopt {run_id} c0 --off" in world.reason()
+    assert world.carried.adopt(run_id, "c0", (), "anna") == ""
+    world.go(1.0)
+    assert world.carried.has(run_id), "it waits for the other one"
+    assert world.carried.adopt(run_id, "c1", (), "anna") == ""
+    world.go(1.0)
+    assert not world.carried.has(run_id)
+    (ended,) = world.facts(RunEnded)
+    assert ended.outcome is RunOutcome.ABORTED
+    assert "c0 and c1 did not know it" in ended.reason
+    assert world.asked(11.0).count((300, Word.END)) == 2, "each 5 s"
+    world.bridges.off.discard(300)
+    world.go(6.0)
+    ends = [
+        decode_words(content) for space, word, content in world.bridges.contents if (space, word) == (300, Word.END)
+    ]
+    assert ends[-1]["outcome"] == "aborted"
+    asked = world.asked(11.0)
+    assert (300, Word.END) not in asked, "it knows it now"
+    assert (301, Word.END) in asked
+    assert not world.mistakes.count, world.mistakes.text()
+
+
+def test_a_server_that_is_started_again_tells_the_end_to_a_bridge_that_was_off(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 2)
+    run_id = world.begin()
+    world.bridges.off |= {301}
+    world.carried.abort(run_id, "enough", "anna")
+    world.go(AWAY_S + 10)
+    world.carried.adopt(run_id, "c1", (), "anna")
+    world.go(1.0)
+    assert not world.carried.has(run_id)
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    again.go(6.0)
+    (told,) = [content for space, word, content in again.bridges.contents if (space, word) == (301, Word.END)]
+    assert decode_words(told) == {"run": run_id, "outcome": "aborted", "reason": "enough"}
+    assert again.asked(11.0) == [], "it knows it now"
+
+
 def test_an_adoption_that_waits_for_a_bridge_says_so(world: Carried) -> None:
     run_id = world.begin()
     world.bridges.off.add(301)
@@ -315,7 +415,7 @@ def test_an_adoption_that_waits_for_a_bridge_says_so(world: Carried) -> None:
     world.go(AWAY_S + 1)
     assert (
         "c2: it does not answer, nor has it answered for 20 s; the run goes on without c1 once c2 knows it: start c2,"
-        f" or abort it: ua-fleet scenario abort {run_id}" in world.reason()
+        f" or abort it: ua-fleet scenario abort {run_id}; if it is off for good too:" in world.reason()
     )
     world.carried.abort(run_id, "", "anna")
     world.bridges.off.discard(302)

@@ -67,6 +67,7 @@ def test_a_fault_is_seen_acknowledged_and_cleared(open_page: Open, picture: Pict
 def test_events_are_told_filtered_and_stopped(open_page: Open, picture: Picture) -> None:
     page = open_page("operator", f"{PLACE}?show=events")
     expect(page.get_by_text("No event has arrived yet.")).to_be_visible()
+    expect(page.get_by_text("since this page was opened").first).to_be_visible()  # this server keeps none
     ask(page, "fault.raise", robot="right", reason="the wheel is flat")
     rows = page.get_by_role("table", name="Events").locator("tbody tr")
     expect(rows.filter(has_text="right").first).to_be_visible()

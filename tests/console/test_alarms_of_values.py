@@ -23,9 +23,10 @@ STEPS: Final = f"  - {{task: a, skill: work, robot: left, arguments: {{work: {EN
 
 
 def with_alarms(plant: Plant) -> None:
-    """Two limits of what the machine `left` tells, and a certificate that ends in five days."""
+    """Two limits of what the machine `left` tells, a certificate that ends in five days, and a history of events."""
 
     def declare(raw: dict[str, Any]) -> None:
+        raw["history"] = {}
         raw["robots"]["left"]["data"].update(
             temperature={
                 "id": 1310,
@@ -177,18 +178,66 @@ def test_an_engineer_suppresses_and_disables(open_page: Open, fleet: Fleet, pict
     expect(theirs).to_have_count(0)
 
 
-def test_its_events_are_found_from_an_alarm(open_page: Open, fleet: Fleet, picture: Picture) -> None:
+def test_an_alarm_that_is_inactive_is_disabled_and_enabled(open_page: Open, fleet: Fleet, picture: Picture) -> None:
+    """Nothing tells of it: it is found among the inactive ones, and is there again once it is enabled."""
+    page, operator = open_page("engineer", f"{PLACE}?state=inactive"), open_page("operator", f"{PLACE}?state=inactive")
+    tell(fleet, pressure=2, temperature=20)
+    limit, theirs = alarm(page, "left pressure"), alarm(operator, "left pressure")
+    expect(limit).to_contain_text("Inactive")
+    expect(limit.get_by_role("button", name="Comment…")).to_have_count(0)
+    picture(page, "alarms-inactive")
+    page.get_by_role("searchbox", name="Search alarms and events").fill("PRESS left")
+    expect(page.get_by_role("article")).to_have_count(1)
+    choose(operator, theirs, "Disable…")
+    expect(operator.get_by_role("status").filter(has_text="required role: Engineer")).to_be_visible()
+    operator.keyboard.press("Escape")
+    choose(page, limit, "Disable…")
+    page.get_by_role("dialog").get_by_role("button", name="Disable", exact=True).click()
+    expect(limit).to_have_count(0)
+    expect(theirs).to_have_count(0)
+    page.get_by_label("State").select_option("disabled")
+    expect(limit).to_contain_text("Disabled")
+    limit.get_by_role("button", name="Enable").click()
+    expect(limit).to_have_count(0)
+    page.get_by_label("State").select_option("inactive")
+    expect(limit).to_contain_text("Inactive")
+    expect(theirs).to_contain_text("Inactive")
+    tell(fleet, pressure=0.5)
+    expect(limit).to_have_count(0)
+    expect(theirs).to_have_count(0)
+    page.get_by_label("State").select_option("")
+    acknowledge(page, limit)
+    tell(fleet, pressure=2)
+    expect(limit).to_have_count(0)
+
+
+def test_events_begin_in_the_history_and_each_is_there_once(open_page: Open, fleet: Fleet, picture: Picture) -> None:
     page = open_page("operator", PLACE)
     tell(fleet, pressure=0.5)
-    choose(page, alarm(page, "left pressure"), "Its events")
-    expect(page.get_by_role("tab", name="Events")).to_have_attribute("aria-selected", "true")
-    expect(page.get_by_text("No event has arrived yet.")).to_be_visible()
-    tell(fleet, pressure=2)
-    rows = page.get_by_role("table", name="Events").locator("tbody tr")
-    expect(rows.filter(has_text="Inactive · Unacknowledged: left.pressure: within its limits")).to_have_count(1)
-    picture(page, "alarms-its-events")
-    page.get_by_role("tab", name="Alarms").click()
     shown = alarm(page, "left pressure")
+    expect(shown).to_be_visible()
+    choose(page, shown, "Its events")
+    expect(page.get_by_role("tab", name="Events")).to_have_attribute("aria-selected", "true")
+    rows = page.get_by_role("table", name="Events").locator("tbody tr")
+    active, over = "left.pressure: 0.5 bar is below 1 bar", "left.pressure: within its limits"
+    # Of before this page was opened: this one, and those of the tests before.
+    expect(rows.first).to_contain_text(f"Active · Unacknowledged: {active}")
+    before = rows.filter(has_text=over).count()
+    expect(page.get_by_role("main").get_by_role("status").filter(has_text="events · since")).to_be_visible()
+    tell(fleet, pressure=2)
+    expect(rows.first).to_contain_text(f"Inactive · Unacknowledged: {over}")
+    expect(rows.filter(has_text=over)).to_have_count(before + 1)
+    picture(page, "alarms-its-events")
+    told = rows.all_inner_texts()
+    page.reload()
+    expect(rows.first).to_contain_text(over)
+    # What came live is in the history now; it is shown as it was.
+    expect(rows).to_have_count(len(told))
+    assert rows.all_inner_texts() == told
+    engineer = open_page("engineer", f"{PLACE}?show=events&audit=only")
+    audit = engineer.get_by_role("table", name="Events").locator("tbody tr")
+    expect(audit.filter(has_text="AuditUpdateMethod").first).to_be_visible()
+    page.get_by_role("tab", name="Alarms").click()
     acknowledge(page, shown)
     expect(shown).to_have_count(0)
 

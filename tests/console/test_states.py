@@ -111,3 +111,35 @@ def test_nodes_that_have_not_come_yet_are_awaited(open_page: Open, picture: Pict
 @pytest.fixture
 def expected_complaints() -> list[str]:
     return ["503"]
+
+
+def test_a_history_that_a_role_may_not_read_is_said_beside_the_events(
+    open_page: Open, axe: Axe, picture: Picture
+) -> None:
+    """What the server says of it is changed on the way: of ours, all roles may read the events that they are told."""
+    note = {"state": "refused", "since": None, "most": 500, "reason": "the server refuses <b>it</b>"}
+
+    def change(feeds: dict[str, Any]) -> dict[str, Any]:
+        for one in feeds.values():
+            if "history" in one.get("set", {}):
+                one["set"]["history"] = dict(note)
+        return feeds
+
+    page = open_page("operator", "#/hall/nothing")
+    _told(page, change)
+    page.goto(f"{page.url.partition('#')[0]}#/hall/alarms?show=events")
+    page.reload()
+    said = page.get_by_role("main").get_by_role("alert")
+    expect(said).to_contain_text("Your role does not allow you to read the events of the last hour")
+    expect(said).to_contain_text("<b>it</b>")
+    expect(page.get_by_text("No event has arrived yet.")).to_be_visible()
+    picture(page, "events-history-refused")
+    note["state"] = "loading"
+    page.reload()
+    expect(page.get_by_role("main").get_by_text("Loading…")).to_be_visible()
+    expect(page.get_by_role("main").get_by_role("status").filter(has_text="earlier events are loading")).to_be_visible()
+    expect(page.get_by_text("No event has arrived yet.")).to_have_count(0)
+    axe(page)
+    note["state"] = "failed"
+    page.reload()
+    expect(said).to_contain_text("The events of the last hour are missing: the server refuses")

@@ -11,7 +11,7 @@ from ua_fleet.client.browsing import NodeInfo
 from ua_fleet.client.cards import CardNode, card_nodes
 from ua_fleet.client.charges import ChargeNode, charge_nodes
 from ua_fleet.client.condition_methods import ConditionClient
-from ua_fleet.client.conditions import ConditionInfo, ConditionsKnown
+from ua_fleet.client.conditions import ConditionInfo, ConditionsKnown, DeclaredAlarm
 from ua_fleet.client.details import ValueDetails
 from ua_fleet.client.events import (
     DecisionTold,
@@ -92,6 +92,7 @@ __all__ = [
     "DataNode",
     "DecisionInfo",
     "DecisionTold",
+    "DeclaredAlarm",
     "DrivingLease",
     "DryRunInfo",
     "EventInfo",

@@ -6,7 +6,8 @@
     subscribe to events of the Server, ConditionRefresh -> what is retained -> `ConditionsKnown` -> each change
 
 What is disabled, suppressed or shelved while it is inactive is not retained, so no refresh tells it: the server lists
-it in `Fleet.Alarms.PutAside`, and it is read once, after the refresh. Its changes are events as all others.
+it in `Fleet.Alarms.PutAside`, and it is read once, after the refresh. Its changes are events as all others. An alarm
+that is inactive otherwise is told by nothing: `declared_alarms` browses the names of all, and reads none of them.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from ua_fleet.client.translated import translated
 from ua_fleet.errors import NotConnected
 from ua_fleet.topics import TYPES_URI
 
-__all__ = ["ConditionInfo", "ConditionsKnown", "conditions_told"]
+__all__ = ["ConditionInfo", "ConditionsKnown", "DeclaredAlarm", "conditions_told", "declared_alarms"]
 
 _FAULT_ALARM: Final = 1025
 """FaultAlarmType; see nodesets/UaFleet.NodeIds.csv."""
@@ -60,6 +61,7 @@ _STANDARD: Final = (
 _OWN: Final = ("Robot", "FaultSource", "Reason", "Capacities")
 """Fields of FaultAlarmType."""
 _QUEUE: Final = 10_000
+_ALARMS: Final = "ns=2;s=Fleet.Alarms"
 _PUT_ASIDE: Final = "ns=2;s=Fleet.Alarms.PutAside"
 _MOST_READ: Final = 500
 """Alarms put aside that are read: each read makes some fifty nodes in the server."""
@@ -130,6 +132,18 @@ class ConditionsKnown:
     node_ids: frozenset[str]
     is_whole: bool
     """Whether these are all: a server with more than it has room for has told the last ones alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeclaredAlarm:
+    """An alarm that there is, whatever its state."""
+
+    node_id: str
+    """ConditionId."""
+    name: str
+    """ConditionName, as `rover.speed`."""
+    kind: str
+    """As of a ConditionInfo: `limit`, `off_normal`, `certificate` or `other`."""
 
 
 class _Events(Feed[Any]):
@@ -272,7 +286,13 @@ class _Watch:
         identifier: Any = event_type.Identifier
         if event_type.NamespaceIndex == self._types:
             return "fault" if identifier == _FAULT_ALARM else "other"
-        return _KINDS.get(identifier, "other") if event_type.NamespaceIndex == 0 else "other"
+        return _kind_of(event_type)
+
+
+def _kind_of(event_type: ua.NodeId) -> str:
+    """What a type of the standard is called here."""
+    identifier: Any = event_type.Identifier
+    return _KINDS.get(identifier, "other") if event_type.NamespaceIndex == 0 else "other"
 
 
 @asynccontextmanager
@@ -284,6 +304,20 @@ async def conditions_told(
         watch = _Watch(client, batches, endpoint, await client.get_namespace_index(TYPES_URI))
     async with subscriptions.open(watch.events, 100, watch.begin), aclosing(watch.told()) as iterator:
         yield iterator
+
+
+async def declared_alarms(batches: Batches, endpoint: str) -> list[DeclaredAlarm]:
+    """The alarms of values, bridges and certificates that a server has, by their names.
+
+    Raises:
+        NotConnected: the connection was lost.
+    """
+    with translated(endpoint):
+        (below,) = await batches.browse([ua.NodeId.from_string(_ALARMS)], classes=ua.NodeClass.Object)
+    found = [
+        DeclaredAlarm(one.NodeId.to_string(), str(one.BrowseName.Name), _kind_of(one.TypeDefinition)) for one in below
+    ]
+    return sorted([one for one in found if one.kind != "dialog"], key=lambda one: one.name)
 
 
 def _filter(types: int) -> ua.EventFilter:

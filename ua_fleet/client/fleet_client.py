@@ -18,12 +18,18 @@ from asyncua.crypto.uacrypto import CertProperties
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509 import load_der_x509_certificate
 
-from ua_fleet.client.all_events import EventInfo, all_events
+from ua_fleet.client.all_events import EventInfo, all_events, past_events
 from ua_fleet.client.attributes import NodeAttribute, read_attributes
 from ua_fleet.client.batches import Batches
 from ua_fleet.client.browsing import NodeInfo, browse_below
 from ua_fleet.client.calls import call
-from ua_fleet.client.conditions import ConditionInfo, ConditionsKnown, conditions_told
+from ua_fleet.client.conditions import (
+    ConditionInfo,
+    ConditionsKnown,
+    DeclaredAlarm,
+    conditions_told,
+    declared_alarms,
+)
 from ua_fleet.client.convert import parse_value
 from ua_fleet.client.details import ValueDetails, value_details
 from ua_fleet.client.events import Told, told_by
@@ -443,12 +449,20 @@ class FleetClient:
         """
         return all_events(self._client, self.batches, self.endpoint, self._subscriptions)
 
+    async def past_events(self, since: datetime, until: datetime, most: int) -> list[EventInfo]:
+        """Events that the server has kept, the newest first and at most `most`; raises as `past_events`."""
+        return await past_events(self._client, self.batches, self.endpoint, since, until, most)
+
     def conditions(self) -> AbstractAsyncContextManager[AsyncIterator[ConditionInfo | ConditionsKnown]]:
         """Alarms, faults and dialogs: those there are, a ConditionsKnown, then each change, while the context lasts.
 
         The iterator raises NotConnected when the connection is lost.
         """
         return conditions_told(self._client, self.batches, self.endpoint, self._subscriptions)
+
+    async def declared_alarms(self) -> list[DeclaredAlarm]:
+        """All alarms that there are, whatever their state; raises as `declared_alarms`."""
+        return await declared_alarms(self.batches, self.endpoint)
 
     def model_changes(self, *, period_ms: float = 250.0) -> AbstractAsyncContextManager[ModelChanges]:
         """That nodes have come or gone, while the context lasts: await `wait()` of what is entered."""

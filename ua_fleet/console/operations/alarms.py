@@ -1,18 +1,26 @@
-"""What people do with alarms: acknowledge, confirm, comment, shelve, suppress, disable."""
+"""What people do with alarms: find them, acknowledge, confirm, comment, shelve, suppress, disable."""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from pydantic import Field
 
 from ua_fleet.client import ConditionClient, FleetClient
 from ua_fleet.console.operations.kinds import OperationKind, OperationParameters
+from ua_fleet.console.shown import harmless_value
 
 __all__ = ["ALARM_OPERATIONS"]
 
 _WEEK_S: Final = 7 * 24 * 3600.0
 """MaxTimeShelved of the server."""
+
+
+class Sought(OperationParameters):
+    """Words that the name has, in any case, and how many alarms are told at most."""
+
+    text: str = Field(default="", max_length=256)
+    most: int = Field(default=1000, ge=1, le=2000)
 
 
 class OfAlarm(OperationParameters):
@@ -32,6 +40,13 @@ class Shelved(OfAlarm):
     """For how long; null: until it is inactive."""
 
     time_s: float | None = Field(gt=0, le=_WEEK_S)
+
+
+async def _list(client: FleetClient, asked: Sought) -> dict[str, Any]:
+    words = asked.text.lower().split()
+    found = [one for one in await client.declared_alarms() if all(word in one.name.lower() for word in words)]
+    alarms = [{"id": harmless_value(one.name), "node": one.node_id, "kind": one.kind} for one in found[: asked.most]]
+    return {"alarms": alarms, "all": len(found)}
 
 
 async def _acknowledge(client: FleetClient, asked: OfEvent) -> None:
@@ -71,6 +86,7 @@ async def _disable(client: FleetClient, asked: OfAlarm) -> None:
 
 
 ALARM_OPERATIONS: Final = (
+    OperationKind("alarm.list", Sought, _list, "Browse of Fleet.Alarms", "observer"),
     OperationKind("alarm.acknowledge", OfEvent, _acknowledge, "Acknowledge of an alarm", "operator"),
     OperationKind("alarm.confirm", OfEvent, _confirm, "Confirm of an alarm", "operator"),
     OperationKind("alarm.comment", OfEvent, _comment, "AddComment of an alarm", "operator"),

@@ -5,7 +5,9 @@ import {
   actsOf,
   askedOf,
   conditionState,
+  eventsOf,
   filterCounts,
+  inactiveAlarms,
   matches,
   placeOf,
   selectedAlarms,
@@ -50,6 +52,7 @@ it.each([
   ['shelved', ['shelved']],
   ['suppressed', ['suppressed']],
   ['disabled', ['disabled']],
+  ['inactive', []],
   ['all', ['new', 'seen', 'over', 'disabled', 'shelved', 'suppressed']],
 ] as const)('filter %s leaves what it says, what wants somebody first', (filter, ids) => {
   expect(selectedAlarms(MANY, { text: '', filter, kind: '' }).map((one) => one.id)).toEqual(ids);
@@ -128,4 +131,28 @@ it('selects events, the newest first', () => {
   expect(keys({ text: '', type: 'Fault', audit: '' })).toEqual(['3', '1']);
   expect(keys({ text: 'session', type: '', audit: 'only' })).toEqual(['2']);
   expect(keys({ text: '', type: '', audit: 'none' })).toEqual(['3', '1']);
+});
+
+it('takes the alarms that are told away from all that there are', () => {
+  const declared = [
+    { id: 'rover.speed', node: 'ns=2;s=Alarms.rover.speed', kind: 'limit' as const },
+    { id: 'cell.Online', node: 'ns=2;s=Alarms.cell.Online', kind: 'off_normal' as const },
+    { id: 'new', node: 'ns=2;s=Alarms.new', kind: 'limit' as const },
+  ];
+  const quiet = inactiveAlarms(declared, new Map([['ns=2;s=Alarms.new', alarm('new')]]));
+  expect(selectedAlarms(quiet, { text: '', filter: 'inactive', kind: '' }).map((one) => one.id)).toEqual([
+    'cell.Online',
+    'rover.speed',
+  ]);
+  expect(quiet.map(actsOf)).toEqual([
+    ['shelve', 'suppress', 'disable'],
+    ['shelve', 'suppress', 'disable'],
+  ]);
+  expect(quiet.map(placeOf)).toEqual([{ page: 'robot', rest: ['rover'] }, null]);
+  expect(selectedAlarms(quiet, { text: '', filter: 'all', kind: '' })).toEqual([]);
+});
+
+it('takes what became of the history for no event', () => {
+  const history = { state: 'none' as const, since: null, most: 500, reason: '' };
+  expect([...eventsOf(new Map([['history', history]])).keys()]).toEqual([]);
 });

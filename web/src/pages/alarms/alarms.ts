@@ -55,8 +55,36 @@ export const isPutAside = (one: Alarm): boolean => !one.enabled || one.suppresse
 /** Whether it wants somebody. */
 export const wants = (one: Alarm): boolean => one.retained && !isPutAside(one);
 
+/** An alarm that there is, whatever its state, as the operation `alarm.list` tells it. */
+export interface DeclaredAlarm {
+  id: string;
+  node: string;
+  kind: AlarmKind;
+}
+
+/**
+ * The declared alarms that no feed tells: inactive, acknowledged, and put aside by nobody. So all that is known of them is
+ * their names, and they have no event yet that somebody could acknowledge or comment on.
+ */
+export function inactiveAlarms(declared: readonly DeclaredAlarm[], told: ReadonlyMap<string, Alarm>): Alarm[] {
+  return declared
+    .filter((one) => !told.has(one.node))
+    .map(({ id, node, kind }) => ({
+      ...{ id, node, kind, event: '', source: id, source_node: '', reason: '', capacities: [], message: '' },
+      // Only values of robots have limits.
+      ...{ robot: kind === 'limit' ? (id.split('.', 1)[0] ?? '') : '', severity: 1, retained: false, active: false },
+      ...{ acknowledged: true, confirmed: null, enabled: true, suppressed: false, shelved: '' as const, limit: '' },
+      ...{ unshelve_at: null, quality: 0, since: null, time: null, comment: '', by: '' },
+    }));
+}
+
+/** Whether it is one of these. */
+export const isQuiet = (one: Alarm): boolean => !one.event;
+
 /** What the list can be narrowed to; empty: what wants somebody. */
-export const FILTERS = ['', 'active', 'new', 'unconfirmed', 'shelved', 'suppressed', 'disabled', 'all'] as const;
+// prettier-ignore
+export const FILTERS =
+  ['', 'active', 'new', 'unconfirmed', 'shelved', 'suppressed', 'disabled', 'inactive', 'all'] as const;
 export type AlarmFilter = (typeof FILTERS)[number];
 
 const PASSES: Record<AlarmFilter, (one: Alarm) => boolean> = {
@@ -67,7 +95,8 @@ const PASSES: Record<AlarmFilter, (one: Alarm) => boolean> = {
   shelved: (one) => one.shelved !== '',
   suppressed: (one) => one.suppressed,
   disabled: (one) => !one.enabled,
-  all: () => true,
+  all: (one) => !isQuiet(one),
+  inactive: isQuiet,
 };
 
 /** A filter of the page's address. */
@@ -108,7 +137,7 @@ export function placeOf(one: Alarm): { page: string; rest: string[] } | null {
   if (decision) return { page: 'resilience', rest: [decision] };
   const [, run] = /;s=Fleet\.Scenarios\.Runs\.(.+)$/.exec(one.source_node) ?? [];
   if (run) return { page: 'scenarios', rest: ['run', run] };
-  return one.kind === 'off_normal' ? { page: 'pubsub', rest: [] } : null;
+  return one.kind === 'off_normal' && !isQuiet(one) ? { page: 'pubsub', rest: [] } : null;
 }
 
 /** What events about it have in them. */
@@ -138,7 +167,7 @@ export function actsOf(one: Alarm): Act[] {
   const acts: Act[] = [];
   if (!one.acknowledged) acts.push('acknowledge');
   else if (one.confirmed === false) acts.push('confirm');
-  acts.push('comment');
+  if (!isQuiet(one)) acts.push('comment');
   if (one.kind === 'fault') return one.active ? [...acts, 'clear'] : acts;
   return [...acts, one.shelved ? 'unshelve' : 'shelve', one.suppressed ? 'unsuppress' : 'suppress', 'disable'];
 }
@@ -200,6 +229,26 @@ export function severityBand(severity: number): 'high' | 'medium' | 'low' {
 }
 
 export type AuditWish = '' | 'only' | 'none';
+
+/** What became of the server's history of events, with which the list begins; under the key `history` of the feed. */
+export interface EventHistory {
+  state: 'loading' | 'read' | 'none' | 'refused' | 'failed';
+  /** Of `read`: from when on events were read. */
+  since: string | null;
+  /** Events that the feed keeps. */
+  most: number;
+  /** Of `refused` and `failed`: what the server says. */
+  reason: string;
+}
+
+export const HISTORY_KEY = 'history';
+
+/** The events of the feed, without what else it tells. */
+export function eventsOf(entries: ReadonlyMap<string, ToldEvent | EventHistory>): Map<string, ToldEvent> {
+  const events = new Map(entries as ReadonlyMap<string, ToldEvent>);
+  events.delete(HISTORY_KEY);
+  return events;
+}
 
 export interface EventWish {
   text: string;

@@ -13,6 +13,7 @@ __all__ = ["read_at_times"]
 
 def read_at_times(series: Series, times: Iterable[int], settings: Settings, *, simple: bool) -> Iterator[Row]:
     """A value for each of the times, in their order: the one that was recorded then, or an interpolated one.
+
     Each is looked for when it is taken, so that no more of them are in memory than an answer has room for.
 
     Args:
@@ -23,5 +24,5 @@ def read_at_times(series: Series, times: Iterable[int], settings: Settings, *, s
     """
     bound = simple_bound if simple else interpolated_bound
     for time in times:
-        points = window(series, series.between(time, time, 1), time, time, settings)
-        yield bound(points, time).row
+        # A row of this very time is the first of those that are looked for after an empty stretch before it.
+        yield bound(window(series, [], time, time - 1, settings), time).row

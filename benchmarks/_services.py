@@ -20,7 +20,6 @@ import logging
 import sys
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -285,26 +284,30 @@ def _calls(count: int) -> tuple[Any, Any]:
 _REQUESTS = {"Read": _read, "Write": _write, "Browse": _browse, "Call": _calls}
 
 
-async def connection(url: str, folder: Path, policy: str, *, named: bool) -> Any:
-    """A client that has not connected yet; with a user where it is `named`."""
+def connections(url: str, folder: Path, policy: str) -> Callable[..., Any]:
+    """What makes clients that have not connected yet; with a user where they are `named`."""
     from asyncua.client.client import Client
 
     from ua_fleet.endpoint.certificates import ensure_application_certificate
 
     files = ensure_application_certificate(folder / "client", "urn:ua-fleet:client", ["127.0.0.1"])
-    made: Any = Client(url, timeout=60, watchdog_intervall=600)
-    made.application_uri = "urn:ua-fleet:client"
-    if policy != "None":
-        await made.set_security_string(f"{policy},SignAndEncrypt,{files.certificate},{files.private_key}")
-    if named:
-        made.set_user(USER)
-        made.set_password(PASSWORD)
-    return made
+
+    async def make(*, named: bool) -> Any:
+        made: Any = Client(url, timeout=60, watchdog_intervall=600)
+        made.application_uri = "urn:ua-fleet:client"
+        if policy != "None":
+            await made.set_security_string(f"{policy},SignAndEncrypt,{files.certificate},{files.private_key}")
+        if named:
+            made.set_user(USER)
+            made.set_password(PASSWORD)
+        return made
+
+    return make
 
 
 async def client(url: str, folder: Path, policy: str) -> None:
     """Connects once, and anew for `Connect`."""
-    make = partial(connection, url, folder, policy)
+    make = connections(url, folder, policy)
 
     asking: Asking | None = None
     async with contextlib.AsyncExitStack() as stack:
@@ -330,7 +333,7 @@ def main() -> None:
         from benchmarks._watchers import watchers
 
         url, folder, policy = arguments
-        asyncio.run(watchers(partial(connection, url, Path(folder), policy)))
+        asyncio.run(watchers(connections(url, Path(folder), policy)))
     elif role == "client":
         url, folder, policy = arguments
         asyncio.run(client(url, Path(folder), policy))

@@ -392,14 +392,19 @@ def decode_adoption(content: bytes) -> Adoption:
         if inflating.unconsumed_tail or not inflating.eof:
             raise PartInvalid(f"an adoption holds at most {MOST_JSON_BYTES} bytes")
         data: Any = json.loads(text)
+        gone: Any = data["gone"]
+        spaces: list[Any] = [gone] if isinstance(gone, int) else list(gone)
         return Adoption(
             decode_part(bytes.fromhex(data["part"])),
-            tuple(map(int, gone if isinstance(gone := data["gone"], list) else [gone])),
+            tuple([int(space) for space in spaces]),
             str(data["by"]),
             decode_filled(data["filled"]),
             dict(data["results"]),
             {str(place): tuple([str(line) for line in lines]) for place, lines in data["facts"].items()},
-            {str(robot): dict(by_capacity) for robot, by_capacity in data.get("stand_ins", {}).items()},
+            {
+                str(one): {str(each): str(by) for each, by in named.items()}
+                for one, named in data.get("stand_ins", {}).items()
+            },
         )
     except UNREADABLE as error:
         raise PartInvalid(f"an adoption cannot be read: {error!r}") from error

@@ -66,6 +66,7 @@ LONG_FILES: Final[dict[str, tuple[str, ...]]] = {
     WIRE: (
         "bridges/ua_bridges/ros/codec.py",
         "demo/ua_demo/simulators/ur/functions.py",
+        "ua_fleet/scenario/facts.py",
         "ua_fleet/endpoint/scan.py",
         "ua_fleet/pubsub/security/envelope.py",
         "ua_fleet/scenario/read.py",
@@ -101,6 +102,7 @@ LONG_FILES: Final[dict[str, tuple[str, ...]]] = {
         "tests/unit/config/test_load.py",
         "tests/unit/dissect/test_annotate.py",
         "tests/unit/endpoint/test_certificates.py",
+        "tests/unit/operation/runs/test_carried.py",
         "tests/unit/operation/runs/test_service.py",
         "tests/unit/orchestrator/test_orchestrator.py",
         "tests/unit/pubsub/security/test_envelope.py",

@@ -13,11 +13,10 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
-from math import inf
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from ua_fleet.carrying.part import (
     MOST_JSON_BYTES,
@@ -26,10 +25,10 @@ from ua_fleet.carrying.part import (
     Part,
     PartInvalid,
     PartSegment,
-    Road,
     decode_part,
 )
 from ua_fleet.carrying.plan import Plan, PlanView, missing_requestors
+from ua_fleet.carrying.proof import FilledSlot, proved_over
 from ua_fleet.carrying.token import SegmentRound, Token
 from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.facts import Fact, IterationStarted, StepEnded, StepState, TaskAnswered, Then
@@ -57,18 +56,6 @@ __all__ = [
 ]
 
 _UNDER_WAY: Final = (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED, TaskPhase.HALTING, TaskPhase.ASKED, TaskPhase.LOST)
-
-
-class FilledSlot(NamedTuple):
-    """A token that a bridge has, without what only it needs."""
-
-    segment: int
-    slot: int
-    failed: str
-    values: Mapping[str, Value]
-    rounds: tuple[int, ...] = ()
-    loops: tuple[int, ...] = ()
-    """The heads of the repetitions around that segment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,15 +202,8 @@ def needed_places(
     """What the heir has to know of segments: not of rounds that are over, as tokens that others have prove."""
     proved = proved_over(segments, filled)
     return {
-        str(place): lines
-        for place, lines in places.items()
-        if place not in proved.over and not _is_passed(proved, place)
+        str(place): lines for place, lines in places.items() if place not in proved.over and not proved.is_passed(place)
     }
-
-
-def _is_passed(proved: Proved, place: SegmentRound) -> bool:
-    bound = proved.passed.get(place.number)
-    return bound is not None and place.rounds[: len(bound)] <= bound
 
 
 def _decided_rounds(number: int, point: BranchPoint, facts: Sequence[Fact]) -> dict[SegmentRound, list[Fact]]:
@@ -277,94 +257,6 @@ def decode_filled(data: Any) -> tuple[FilledSlot, ...]:
     )
 
 
-class Proved(NamedTuple):
-    """What tokens prove of the segments of a bridge that is off."""
-
-    over: dict[SegmentRound, tuple[str, bool]]
-    """Those that are over, with why they have failed (empty where they have not), and what they have decided."""
-    passed: dict[int, tuple[int, ...]]
-    """By the number of a segment: it is over in all rounds that begin with these, or with some before them."""
-
-
-def proved_over(segments: Mapping[int, PartSegment], filled: Iterable[FilledSlot]) -> Proved:
-    """Who has a token of a segment proves that this segment is over, and all that lead to it, in rounds before, too."""
-    proof = _Proof(segments)
-    for slot in filled:
-        proof.take(slot)
-    return proof.proved
-
-
-class _Proof:
-    """What follows from tokens."""
-
-    def __init__(self, segments: Mapping[int, PartSegment]) -> None:
-        self._segments, self.proved = segments, Proved({}, {})
-
-    def take(self, slot: FilledSlot) -> None:
-        """Somebody has a token."""
-        left: list[SegmentRound] = []
-        for number, segment in self._segments.items():
-            if (before := _round_before(segment.loops, slot)) is not None:
-                self._pass(number, before)
-            road = segment.fails
-            if slot.failed and road is not None and (road.segment, road.slot) == (slot.segment, slot.slot):
-                left += self._add(number, slot.rounds[: road.kept], slot.failed)
-        if not slot.failed:
-            left += self._look_before(SegmentRound(slot.segment, slot.rounds), slot.slot)
-        while left:
-            left += self._look_before(left.pop(), None)
-
-    def _look_before(self, target: SegmentRound, slot: int | None) -> Iterator[SegmentRound]:
-        """Add what leads to a slot of a segment, or to all of one that is over itself; what is new of it."""
-        for number, segment in self._segments.items():
-            for road in (*segment.then, *segment.otherwise):
-                rounds = _rounds_before(road, target.rounds)
-                if road.segment == target.number and slot in (None, road.slot) and rounds is not None:
-                    is_exact = slot is not None or not road.is_next
-                    yield from self._add(number, rounds, way=road in segment.then, is_exact=is_exact)
-
-    def _add(
-        self, number: int, rounds: tuple[int, ...], failed: str = "", *, way: bool = True, is_exact: bool = True
-    ) -> Iterator[SegmentRound]:
-        place, is_new = SegmentRound(number, rounds), self._pass(number, rounds)
-        if is_exact and len(rounds) == len(self._segments[number].loops) and place not in self.proved.over:
-            self.proved.over[place], is_new = (failed, way), True
-        if is_new:
-            yield place
-
-    def _pass(self, number: int, rounds: tuple[int, ...]) -> bool:
-        """Know that a segment is over up to these rounds; whether that is new."""
-        loops, known = len(self._segments[number].loops), self.proved.passed.get(number)
-        is_new = known is None or _padded(rounds, loops) > _padded(known, loops)
-        if is_new:
-            self.proved.passed[number] = rounds
-        return is_new
-
-
-def _padded(rounds: tuple[int, ...], loops: int) -> tuple[float, ...]:
-    """Rounds so that those compare as greater which say more: of repetitions that are not told, all are over."""
-    return (*rounds, *[inf] * (loops - len(rounds)))
-
-
-def _rounds_before(road: Road, rounds: tuple[int, ...]) -> tuple[int, ...] | None:
-    """The rounds of the segment from which a token came by a road, as far as the road keeps them; None: by another."""
-    kept = rounds[: road.kept]
-    if not road.is_next or len(kept) < road.kept:
-        return kept
-    return (*kept[:-1], kept[-1] - 1) if kept[-1] > 0 else None
-
-
-def _round_before(loops: tuple[int, ...], slot: FilledSlot) -> tuple[int, ...] | None:
-    """The last round of the repetitions around both that is over, since another one has begun; None: there is none."""
-    common = 0
-    while common < min(len(loops), len(slot.loops)) and loops[common] == slot.loops[common]:
-        common += 1
-    kept = slot.rounds[:common]
-    while kept and kept[-1] == 0:
-        kept = kept[:-1]
-    return (*kept[:-1], kept[-1] - 1) if kept else None
-
-
 def encode_adoption(adoption: Adoption, part: bytes) -> bytes:
     """An adoption as it is sent, with its part as it is encoded; raises PartInvalid where it is too large."""
     content = {
@@ -392,14 +284,19 @@ def decode_adoption(content: bytes) -> Adoption:
         if inflating.unconsumed_tail or not inflating.eof:
             raise PartInvalid(f"an adoption holds at most {MOST_JSON_BYTES} bytes")
         data: Any = json.loads(text)
+        gone: Any = data["gone"]
+        spaces: list[Any] = [gone] if isinstance(gone, int) else list(gone)
         return Adoption(
             decode_part(bytes.fromhex(data["part"])),
-            tuple(map(int, gone if isinstance(gone := data["gone"], list) else [gone])),
+            tuple([int(space) for space in spaces]),
             str(data["by"]),
             decode_filled(data["filled"]),
             dict(data["results"]),
             {str(place): tuple([str(line) for line in lines]) for place, lines in data["facts"].items()},
-            {str(robot): dict(by_capacity) for robot, by_capacity in data.get("stand_ins", {}).items()},
+            {
+                str(one): {str(each): str(by) for each, by in named.items()}
+                for one, named in data.get("stand_ins", {}).items()
+            },
         )
     except UNREADABLE as error:
         raise PartInvalid(f"an adoption cannot be read: {error!r}") from error

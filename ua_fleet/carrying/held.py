@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -195,7 +195,7 @@ class HeldRun:
         segment = part.segments[place.number]
         outside = tuple([part.segments[heard.mailbox].tells for heard in segment.hears])
         facts = next((one.facts[str(place)] for one in self.adoptions if str(place) in one.facts), ())
-        stand_ins = self.adoptions[-1].stand_ins if self.adoptions else {}
+        stand_ins: Mapping[str, Mapping[str, str]] = self.adoptions[-1].stand_ins if self.adoptions else {}
         return Begin(part.run_id, segment, place.rounds, self.values(place), outside, facts, stand_ins)
 
     def tells(self, place: SegmentRound) -> list[Tell]:

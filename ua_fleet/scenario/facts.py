@@ -131,8 +131,7 @@ class RunAdopted:
     """Tasks that its robots have done, as the person says, although nobody has told so."""
     by: str
     also: Sequence[int] = ()
-    """Spaces of bridges that were left out just before, of which not all others knew yet: the same one goes on for
-    all of them."""
+    """Those left out just before, of which not all others knew yet: the same one goes on for all."""
 
 
 @dataclass(frozen=True, slots=True)

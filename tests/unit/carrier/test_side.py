@@ -47,6 +47,9 @@ CONFIG = FleetConfig.model_validate(
 PARTS = parts_of(plan(task("one", "a"), task("two", "b")), "run", "made", {}, "eva")
 
 
+def _hears_nothing(_events: object, _now: float) -> None: ...
+
+
 class Bridge:
     """Who carries runs in a bridge, on a loop that nobody waits for; its disk is real."""
 
@@ -60,7 +63,7 @@ class Bridge:
         ground = CarryGround(
             self.publisher,
             self.subscriber,
-            cast("Any", SimpleNamespace(hear=lambda _events, _now: None)),
+            cast("Any", SimpleNamespace(hear=_hears_nothing)),
             cast("Any", SimpleNamespace()),
             Counters(),
             self.mistakes,

@@ -70,10 +70,6 @@ def _before(facts: Sequence[Fact], also: Collection[int]) -> list[Fact]:
     return [fact for fact in facts if not (isinstance(fact, RunAdopted) and fact.space in also)]
 
 
-def _abort(run: FollowedRun) -> str:
-    return f"ua-fleet scenario abort {run.run_id}"
-
-
 class Adoptions:
     """What can be adopted of carried runs, and what the bridges are told then."""
 
@@ -194,15 +190,21 @@ class Adoptions:
             # It may know already that it goes on for those before.
             if may_be_heir(plan, gone, said, view):
                 return said
-            why = f"{self._names[said]} goes on for those before, and may not take the place of all: see `requestors`"
-            raise ScenarioError(f"{why}; start {self._names[gone[-1]]}, or abort it: {_abort(run)}")
+            raise ScenarioError(
+                f"{self._names[said]} goes on for those before, and may not take the place of {name}: see `requestors`;"
+                f" start {self._names[gone[-1]]}, or abort it: ua-fleet scenario abort {run.run_id}"
+            )
         if (heir := heir_of(plan, gone, view, away)) is not None:
             return heir
         if (late := heir_of(plan, gone, view)) is not None:
-            could = f"{self._names[late]} could take the place of {name}, and does not answer now"
-            raise ScenarioError(f"{could}; start it, or abort it: {_abort(run)}")
-        why = f"no other bridge of the run may take the place of {name}: see `requestors` of all"
-        raise ScenarioError(f"{why}; or abort it: {_abort(run)}")
+            raise ScenarioError(
+                f"{self._names[late]} could take the place of {name}, and does not answer now; start it, or abort it:"
+                f" ua-fleet scenario abort {run.run_id}"
+            )
+        raise ScenarioError(
+            f"no other bridge of the run may take the place of {name}: see `requestors` of all, or abort it:"
+            f" ua-fleet scenario abort {run.run_id}"
+        )
 
     def _made(self, run_id: str, facts: Sequence[Fact], said: RunAdopted) -> Adopting:
         """What the bridges are told; `facts` are those before it was said."""

@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import re
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.console import browsing
-from tests.console.conftest import Fleet
+from tests.console.conftest import Fleet, fleet_of
 from tests.console.scenario_pages import PLACE, chosen, lines, row, text_of
 from tests.contract.skilled import ENDLESS_WORK
+from tests.integration.scenarios.carried_runs import mutual
+from tests.integration.scenarios.conftest import Plant
 
 Open = Callable[..., Page]
 Picture = Callable[[Page, str], None]
@@ -31,6 +34,22 @@ ORDERED = """\
     then:
       - {end: failed, reason: too long}
 """
+
+
+def that_carries(plant: Plant) -> None:
+    """Bridges that hand runs to each other, and one of them can be left out soon."""
+
+    def soon(raw: dict[str, Any]) -> None:
+        raw["scenarios"] = {"adopt_after_s": 4}
+
+    mutual(plant)
+    plant.declare(soon)
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
+    with fleet_of(tmp_path_factory.mktemp("fleet"), that_carries) as running:
+        yield running
 
 
 @pytest.fixture
@@ -216,6 +235,99 @@ def test_a_person_says_what_became_of_a_task_that_nobody_knows(fleet: Fleet, ope
     question.get_by_role("button", name="It was done").click()
     expect(page.locator("header").get_by_text("Done")).to_be_visible()
     expect(question).to_have_count(0)
+
+
+HANDED = """\
+  - {{task: first, skill: work, robot: left}}
+  - {{task: lost, skill: work, robot: middle, arguments: {work}, on_unknown: ask}}
+  - {{task: last, skill: work, robot: right}}
+"""
+
+
+def _started_as_carried(page: Page, name: str) -> Locator:
+    """The list of the bridges of a run that these carry."""
+    page.goto(f"{page.url.partition('#')[0]}{PLACE}")
+    chosen(page, name, "Start…")
+    dialog = page.get_by_role("dialog", name=f"Start {name}")
+    dialog.get_by_label("Carried out by").select_option("carried")
+    expect(dialog.get_by_text("The bridges can carry it.")).to_be_visible()
+    dialog.get_by_role("button", name="Start").click()
+    return page.get_by_role("list", name="Bridges that carry the run").get_by_role("listitem")
+
+
+def test_the_server_says_why_bridges_cannot_carry_a_scenario(fleet: Fleet, open_page: Open, picture: Picture) -> None:
+    fleet.plant.scenario("told", "  - {task: one, skill: work, robot: left}\n  - {wait: , event: go}\n")
+    page = open_page("operator", PLACE)
+    chosen(page, "told", "Start…")
+    dialog = page.get_by_role("dialog", name="Start told")
+    expect(dialog).to_contain_text("The run stands still while the server is away.")
+    dialog.get_by_label("Carried out by").select_option("carried")
+    expect(dialog.get_by_role("status")).to_contain_text("The bridges cannot carry it.")
+    expect(dialog.get_by_role("list", name="Problems").get_by_role("listitem")).to_have_count(1)
+    expect(dialog.get_by_role("button", name="Start")).to_have_attribute("title", "The bridges cannot carry it.")
+    picture(page, "scenarios-start-carried")
+    page.keyboard.press("Enter")
+    expect(dialog).to_be_visible()
+    dialog.get_by_label("Carried out by").select_option("")
+    expect(dialog.get_by_role("button", name="Start")).not_to_have_attribute("aria-disabled", "true")
+
+
+def test_a_carried_run_is_followed_and_asks_people(fleet: Fleet, open_page: Open, picture: Picture) -> None:
+    """The question of a bridge is found among the alarms, and answered at the run."""
+    fleet.plant.scenario("handed", HANDED.format(work=f"{{work: {ENDLESS_WORK}}}"))
+    page = open_page("operator", PLACE)
+    bridges = _started_as_carried(page, "handed")
+    expect(bridges).to_have_count(3)
+    expect(bridges.filter(has_text="middle_cell")).to_contain_text("Has the token")
+    expect(bridges.filter(has_text="left_cell")).to_contain_text("Without the token")
+    expect(lines(page).filter(has_text="first")).to_contain_text("Done")
+    picture(page, "run-carried")
+    fleet.plant.machines["middle"].forget()
+    fleet.bridges["middle"].end(signal.SIGKILL)
+    fleet.bridges["middle"] = fleet.plant.start_bridge("middle")
+    expect(page.get_by_role("region", name="Question about lost")).to_be_visible()
+    page.goto(f"{page.url.partition('#')[0]}#/hall/alarms?kind=dialog")
+    asked = page.get_by_role("article").filter(has_text="lost")
+    expect(asked).to_contain_text("Waits for a person")
+    asked.get_by_role("link", name="Decide…").click()
+    page.get_by_role("region", name="Question about lost").get_by_role("button", name="It was done").click()
+    expect(page.locator("header").get_by_text("Done")).to_be_visible()
+    expect(lines(page).filter(has_text="last")).to_contain_text("Done")
+    expect(bridges.filter(has_text="Run over")).to_have_count(3)
+
+
+def test_a_bridge_of_a_carried_run_that_is_off_is_left_out(fleet: Fleet, open_page: Open, picture: Picture) -> None:
+    """Another one goes on for it, and asks who does what was not done."""
+    fleet.plant.scenario("left_out", HANDED.format(work="{seconds: 6}"))
+    page = open_page("operator", PLACE)
+    bridges = _started_as_carried(page, "left_out")
+    expect(lines(page).filter(has_text="lost")).to_contain_text("Running")
+    fleet.bridges["middle"].end(signal.SIGKILL)
+    gone = bridges.filter(has_text="middle_cell")
+    expect(gone).to_contain_text("It had the token when it was heard last.")
+    watcher = open_page("observer", page.url.partition("/#")[2].join(["#", ""]))
+    leave = "Leave it out…"
+    expect(watcher.get_by_role("button", name=leave)).to_have_attribute(
+        "title", "Your role does not allow this; required role: Operator."
+    )
+    picture(page, "run-carried-silent")
+    gone.get_by_role("button", name=leave).click()
+    dialog = page.get_by_role("dialog", name="Leave middle_cell out")
+    expect(dialog.get_by_role("group").get_by_role("checkbox")).to_have_count(1)
+    dialog.get_by_role("button", name="Leave it out").click()
+    expect(dialog).to_contain_text("otherwise robots are told twice")
+    picture(page, "run-carried-adopt")
+    dialog.get_by_label("middle_cell is off").check()
+    dialog.get_by_role("button", name="Leave it out").click()
+    expect(dialog).to_be_hidden()
+    expect(bridges).to_have_count(2)
+    page.get_by_role("link", name="Decide…").click()
+    page.get_by_role("button", name="Choose right").click()
+    expect(page.get_by_text("right takes over.")).to_be_visible()
+    page.goto(watcher.url)
+    expect(page.locator("header").get_by_text("Done")).to_be_visible()
+    expect(lines(page).filter(has_text="lost")).to_contain_text("right")
+    fleet.bridges["middle"] = fleet.plant.bridge("middle")
 
 
 DRY = """\

@@ -121,8 +121,9 @@ def test_a_history_that_a_role_may_not_read_is_said_beside_the_events(
 
     def change(feeds: dict[str, Any]) -> dict[str, Any]:
         for one in feeds.values():
-            if "history" in one.get("set", {}):
-                one["set"]["history"] = dict(note)
+            for told in ("set", "part"):
+                if "history" in one.get(told, {}):
+                    one[told]["history"] = dict(note)
         return feeds
 
     page = open_page("operator", "#/hall/nothing")

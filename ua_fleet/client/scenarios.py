@@ -258,11 +258,14 @@ class ScenarioClient:
         """Say what became of a task: done, retry, fail or replace."""
         await self._call("Scenarios", "Answer", text(run_id), text(step), text(answer))
 
-    async def adopt(self, run_id: str, bridge: str, done: Sequence[str] = ()) -> str:
-        """Say that a bridge of a carried run is off, and which tasks its robots have done; the bridge that goes on."""
+    async def adopt(self, run_id: str, bridge: str, done: Sequence[str] = (), *, is_off: bool = True) -> str:
+        """Say that a bridge of a carried run is off, and which tasks its robots have done; the bridge that goes on.
+
+        The server refuses it where nobody says that it `is_off`.
+        """
         tasks = ua.Variant(list(done), ua.VariantType.String, None, True)
-        is_off = ua.Variant(True, ua.VariantType.Boolean)
-        (heir,) = await self._call("Scenarios", "Adopt", text(run_id), text(bridge), is_off, tasks)
+        said = ua.Variant(is_off, ua.VariantType.Boolean)
+        (heir,) = await self._call("Scenarios", "Adopt", text(run_id), text(bridge), said, tasks)
         return str(heir)
 
     async def run_info(self, run_id: str) -> RunInfo:

@@ -44,6 +44,7 @@ _TIME: Final = int(BuiltinType.DATETIME)
 _TIMES: Final = int(BuiltinType.DATETIME | ARRAY)
 _NO_TIME: Final = 0
 """The DateTime that stands for none, where an array has to have one."""
+_FLAGS: Final = int(BuiltinType.BOOLEAN | ARRAY)
 _COUNTS: Final = int(BuiltinType.INT32 | ARRAY)
 _TWO_STATE: Final = ns0(ObjectIds.TwoStateVariableType)
 _CONDITION_VARIABLE: Final = ns0(ObjectIds.ConditionVariableType)
@@ -90,14 +91,22 @@ def ranking_values(ranking: Ranking | None) -> dict[str, Variant]:
 class ScenarioNodes:
     """Makes and changes these nodes. Nodes are there at once; their values follow in order with all others."""
 
-    def __init__(self, parts: NodeFactory, put: Callable[[ValueChanged], None], wall_ticks: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        parts: NodeFactory,
+        put: Callable[[ValueChanged], None],
+        wall_ticks: Callable[[], int],
+        bridges: Mapping[int, str] = {},
+    ) -> None:
         """Prepare to make nodes.
 
         Args:
             parts: of the fleet whose object is there; its values are those that `put` writes to.
             put: has a value written.
             wall_ticks: the wall clock.
+            bridges: their names, by their spaces.
         """
+        self._bridge_names = bridges
         self._parts, self._put, self._wall_ticks = parts, put, wall_ticks
         self._known: dict[str, tuple[str, ...]] = {}
         """Objects that were made, with the names of their variables."""
@@ -147,7 +156,19 @@ class ScenarioNodes:
             values[name] = Variant(kind, tuple(columns[column]))
         for name, times in (("Begun", [row.begun for row in rows]), ("Ended", [row.ended for row in rows])):
             values[name] = Variant(_TIMES, tuple([_NO_TIME if at is None else ticks_of(at) for at in times]))
+        values |= self._bridges_of(record)
         self._show(f"{SCENARIOS}.Runs.{record.run_id}", record.run_id, f"{SCENARIOS}.Runs", TypeId.RUN, values)
+
+    def _bridges_of(self, record: RunRecord) -> _Values:
+        """The bridges that carry a run; one that is no longer in fleet.yaml by its space."""
+        told = record.bridges
+        names = [self._bridge_names.get(space, str(space)) for space in told]
+        return {
+            "Bridges": Variant(_TEXTS, tuple(names)),
+            "BridgeStates": Variant(_TEXTS, tuple([one.state for one in told.values()])),
+            "Tokens": Variant(_FLAGS, tuple([one.has_token for one in told.values()])),
+            "BridgeMessages": Variant(_TEXTS, tuple([one.message for one in told.values()])),
+        }
 
     def show_decision(self, record: DecisionRecord) -> None:
         """A decision, as it is now."""

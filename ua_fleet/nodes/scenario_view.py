@@ -20,6 +20,7 @@ from ua_fleet.nodes.scenario_events import Told, decision_event, fact_event, hol
 from ua_fleet.nodes.scenario_nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes, ticks_of
 from ua_fleet.operation.runs.records import DecisionRecord, RunRecord
 from ua_fleet.orchestrator import (
+    BridgesFollowed,
     DecisionChanged,
     Fault,
     FaultChanged,
@@ -118,6 +119,10 @@ class ScenarioView:
             case TaskWaiting(run_id=run_id, waits=waits):
                 if (record := self.runs.get(run_id)) is not None:
                     record.show_waiting(waits)
+                    self._nodes.show_run(record)
+            case BridgesFollowed(run_id=run_id, bridges=bridges):
+                if (record := self.runs.get(run_id)) is not None:
+                    record.show_bridges(bridges)
                     self._nodes.show_run(record)
             case OperatorAsked(run_id=run_id):
                 record = self.runs[run_id]

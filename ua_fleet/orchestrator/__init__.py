@@ -12,6 +12,8 @@ from ua_fleet.orchestrator.faults import Fault, FaultChange, Faults
 from ua_fleet.orchestrator.holds import Hold
 from ua_fleet.orchestrator.orchestrator import Orchestrator
 from ua_fleet.orchestrator.outputs import (
+    BridgesFollowed,
+    BridgeTold,
     DecisionChanged,
     FaultChanged,
     FaultForecast,
@@ -29,6 +31,8 @@ from ua_fleet.orchestrator.outputs import (
 )
 
 __all__ = [
+    "BridgeTold",
+    "BridgesFollowed",
     "CriterionSource",
     "DecisionChanged",
     "DistanceFrom",

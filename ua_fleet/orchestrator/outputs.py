@@ -13,6 +13,8 @@ from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import Fact
 
 __all__ = [
+    "BridgeTold",
+    "BridgesFollowed",
     "DecisionChanged",
     "FaultChanged",
     "FaultForecast",
@@ -50,6 +52,26 @@ class TaskWaiting:
 
     run_id: str
     waits: TaskWaits
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeTold:
+    """How a bridge of a carried run stands, as the server sees it."""
+
+    state: str
+    """`answers`, `away`, or `silent`: for so long that a person may leave it out."""
+    has_token: bool
+    """Whether it had one when it was heard last."""
+    message: str
+    """Why it cannot be asked or hand its token over; empty: it can."""
+
+
+@dataclass(frozen=True, slots=True)
+class BridgesFollowed:
+    """How the bridges of a carried run stand, by their spaces; it is written nowhere."""
+
+    run_id: str
+    bridges: Mapping[int, BridgeTold]
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +189,7 @@ Output = (
     | TaskFollowed
     | TaskCancelled
     | TaskWaiting
+    | BridgesFollowed
     | RunBroken
     | RunChanged
     | DecisionChanged

@@ -13,7 +13,7 @@ from ua_fleet.pubsub.metadata import NODE_ONLY, make_field, type_codes
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType
 
-__all__ = ["RUN_DATA_COUNT", "RUN_DATA_FIELDS", "RUN_DATA_ID", "RUN_DATA_TYPES", "run_data_topic"]
+__all__ = ["RUN_DATA_COUNT", "RUN_DATA_FIELDS", "RUN_DATA_HOLDS", "RUN_DATA_ID", "RUN_DATA_TYPES", "run_data_topic"]
 
 RUN_DATA_ID: Final = CARRY_ID - 1
 """Its DataSetWriterId, which no other DataSet should have."""
@@ -36,6 +36,8 @@ over and that have not acknowledged it; the tasks that have begun or ended since
 and states; a line for people of the last of them; the last ranking of substitutes, the best first; the number of facts
 that the server can fetch; how the run has ended here, empty before."""
 RUN_DATA_TYPES: Final = type_codes(RUN_DATA_FIELDS)
+RUN_DATA_HOLDS: Final = 1
+"""Where the segments stand of which it has the tokens."""
 RUN_DATA_COUNT: Final = 9
 """Where the number of facts stands."""
 

@@ -85,7 +85,8 @@ def make_scenarios(
     """
     parts = NodeFactory(server.iserver.aspace, model.ns)
     parts.values = fleet.values
-    nodes = ScenarioNodes(parts, projection.write, wall_ticks)
+    names = {bridge.space: name for name, bridge in config.bridges.items()}
+    nodes = ScenarioNodes(parts, projection.write, wall_ticks, names)
     nodes.build()
     add_places(parts, places_of(config))
     topic = events_topic(config)

@@ -86,6 +86,11 @@ class Live:
         self.wholes: dict[str, int] = {}
         self.messages = 0
 
+    @property
+    def events(self) -> list[dict[str, Any]]:
+        """What the feed `events` has told, without what became of the history."""
+        return [one for key, one in self.feeds["events"].items() if key != "history"]
+
     async def say(self, **said: Any) -> None:
         await self.socket.send(json.dumps(said))
 

@@ -96,6 +96,11 @@ async def test_what_is_put_aside_is_listed_though_no_refresh_tells_it(console: C
             assert live.feeds["alarms"][AWAY]["kind"] == "off_normal"
             denied = await refused(browser, 403, "alarm.unsuppress")
             assert "Unsuppress of an alarm" in denied["message"]
+            # All are found by their names, whatever their state.
+            found = (await browser.ask("alarm.list", text="SPEED rover")).json()["result"]
+            assert found == {"alarms": [{"id": "rover.speed", "node": ALARM, "kind": "limit"}], "all": 1}
+            found = (await browser.ask("alarm.list", most=1)).json()["result"]
+            assert found["all"] > len(found["alarms"]) == 1
             await done(erna, "alarm.unsuppress")
             await done(erna, "alarm.enable", alarm=AWAY)
             await live.until(lambda: ALARM not in live.feeds["alarms"])
@@ -171,10 +176,8 @@ async def test_what_happened_to_an_alarm_is_among_the_events(server: Running, co
         await live.want("events", "events")
         await live.until(lambda: "events" in live.feeds)
         server.peer.publish(SPEED, 1.2)
-        await live.until(
-            lambda: any(one["fields"].get("ConditionName") == "rover.speed" for one in live.feeds["events"].values())
-        )
-        event = next(one for one in live.feeds["events"].values() if one["source"] == "rover.speed")
+        await live.until(lambda: any(one["fields"].get("ConditionName") == "rover.speed" for one in live.events))
+        event = next(one for one in live.events if one["source"] == "rover.speed")
         fields = event["fields"]
         assert (fields["ActiveState"], fields["AckedState"]) == ("Active", "Unacknowledged")
         assert fields["ShelvingState/CurrentState"] == "Unshelved"

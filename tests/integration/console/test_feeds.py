@@ -180,9 +180,11 @@ async def test_events_come_in_order_and_audits_for_engineers_alone(console: Cons
             await live.want("events", "events", most=50)
             await live.until(lambda live=live: "events" in live.feeds)  # type: ignore[misc]
         assert (await oscar.ask("robots.hold", robot="rover", reason="tyre")).status_code == 200
-        await plain.until(lambda: any(one["type"] == "RobotHoldEventType" for one in plain.feeds["events"].values()))
-        await audited.until(lambda: any(one["audit"] for one in audited.feeds["events"].values()))
-        assert not any(one["audit"] for one in plain.feeds["events"].values())
+        await plain.until(lambda: any(one["type"] == "RobotHoldEventType" for one in plain.events))
+        await audited.until(lambda: any(one["audit"] for one in audited.events))
+        assert not any(one["audit"] for one in plain.events)
+        await plain.until(lambda: plain.feeds["events"]["history"]["state"] != "loading")
+        assert plain.feeds["events"]["history"]["state"] == "none", "this server keeps no events"
 
 
 async def test_health_names_bridges_and_drops(console: Console, server: Running) -> None:

@@ -8,6 +8,8 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from tests.unit.nodes.model_server import fleet_built
+from ua_fleet.endpoint.convert import node_id
+from ua_fleet.endpoint.stack import AttributeIds
 from ua_fleet.nodes.alarm_nodes import AlarmNodes
 from ua_fleet.nodes.dialogs import DialogNodes
 from ua_fleet.nodes.events import ServerEvents
@@ -16,9 +18,20 @@ from ua_fleet.nodes.projection import Projection
 from ua_fleet.nodes.scenario_nodes import ScenarioNodes
 from ua_fleet.nodes.scenario_view import ScenarioView
 from ua_fleet.operation.runs.records import RunRecord
-from ua_fleet.orchestrator import RunChanged
-from ua_fleet.scenario.facts import Fact, RunCarried, RunCreated, TaskAssigned, TaskOutcome, TaskOver, Then
-from ua_fleet.values import UNIX_EPOCH_TICKS
+from ua_fleet.orchestrator import BridgesFollowed, BridgeTold, RunChanged
+from ua_fleet.scenario.facts import (
+    Fact,
+    RunAdopted,
+    RunCarried,
+    RunCreated,
+    RunEnded,
+    RunOutcome,
+    TaskAssigned,
+    TaskOutcome,
+    TaskOver,
+    Then,
+)
+from ua_fleet.values import UNIX_EPOCH_TICKS, NodeId
 
 STEPS = ("0", "1", "2")
 TEXT = "version: 1\nname: night\ndescription: for a test\nsteps:\n" + "".join(
@@ -33,6 +46,11 @@ class Heard(ServerEvents):
         super().__init__(iserver)
         self._projection = projection
         self.dialogs, self.questions = Counter[str](), Counter[str]()
+        self._space = iserver.aspace
+
+    def value_of(self, path: str) -> Any:
+        """The value of a node of the fleet."""
+        return self._space.read_attribute_value(node_id(NodeId(2, path)), AttributeIds.Value).Value.Value
 
     def emit(self, event_type: Any, *, fields: Any, **told: Any) -> None:
         super().emit(event_type, fields=fields, **told)
@@ -56,7 +74,7 @@ async def view_of_a_fleet() -> AsyncGenerator[tuple[ScenarioView, Heard]]:
         parts.values = fleet.values
         projection = Projection(fleet)
         heard = Heard(server.iserver, projection)
-        nodes = ScenarioNodes(parts, projection.write, lambda: UNIX_EPOCH_TICKS)
+        nodes = ScenarioNodes(parts, projection.write, lambda: UNIX_EPOCH_TICKS, {300: "cell", 301: "yard"})
         nodes.build()
         AlarmNodes(parts, heard, projection).build()
         dialogs = DialogNodes(parts, heard, projection, lambda: UNIX_EPOCH_TICKS)
@@ -94,3 +112,23 @@ async def test_all_questions_of_a_carried_run_are_told_once_when_a_server_starts
         assert heard.all() == once(())
         view.show_questions()
         assert heard.all() == once(STEPS[:2])
+
+
+async def test_the_bridges_of_a_carried_run_are_shown_and_keep_their_names() -> None:
+    async with view_of_a_fleet() as (view, heard):
+
+        def shown() -> list[Any]:
+            heard.all()
+            names = ("Bridges", "BridgeStates", "Tokens", "BridgeMessages")
+            return [heard.value_of(f"Fleet.Scenarios.Runs.run1.{name}") for name in names]
+
+        for fact in begun():
+            view.show(RunChanged("run1", fact))
+        assert shown() == [["cell", "yard"], ["", ""], [False, False], ["", ""]]
+        told = {300: BridgeTold("answers", True, ""), 301: BridgeTold("away", False, "it is not heard")}
+        view.show(BridgesFollowed("run1", told))
+        assert shown() == [["cell", "yard"], ["answers", "away"], [True, False], ["", "it is not heard"]]
+        view.show(RunChanged("run1", RunAdopted(2.0, 301, 300, (), "anna")))
+        assert shown() == [["cell"], ["answers"], [True], [""]]
+        view.show(RunChanged("run1", RunEnded(3.0, RunOutcome.DONE, "")))
+        assert shown() == [["cell"], [""], [False], [""]]

@@ -23,6 +23,8 @@ _FOLDER: Final = "ns=2;s=Fleet.Scenarios.Runs"
 _HEAD: Final = ("State", "Scenario", "StartTime", "EndTime", "StartedBy", "Reason")
 _COLUMNS: Final = ("Steps", "Tasks", "Robots", "Skills", "States", "Attempts", "Results", "Messages")
 _TIMES: Final = ("Begun", "Ended")
+_BRIDGES: Final = ("Bridges", "BridgeStates", "Tokens", "BridgeMessages")
+"""Of a carried run."""
 _TEXT: Final = "Text"
 """Like these times not there in a server of an earlier version."""
 _OVER: Final = ("done", "failed")
@@ -92,6 +94,16 @@ def _times(reading: Reading | None, count: int) -> list[str | None]:
     return ([shown_moment(one) for one in told] + [None] * count)[:count]
 
 
+def _bridges(parts: Mapping[str, Reading]) -> list[dict[str, Any]]:
+    """The bridges that carry a run, and how they stand; none where the server orchestrates it."""
+    if not all(name in parts for name in _BRIDGES):
+        return []
+    return [
+        {"bridge": harmless_value(bridge), "state": state, "token": token, "message": harmless_value(message)}
+        for bridge, state, token, message in _rows(parts, _BRIDGES)
+    ]
+
+
 class _Steps:
     """Puts one run onto the board: its head, its tasks, and what has happened."""
 
@@ -103,7 +115,8 @@ class _Steps:
 
     def show(self, key: str, parts: Mapping[str, Reading]) -> None:
         parameters = _results(parts["Parameters"].value)
-        self._board.put("run", {**_head(self._run, parts), "parameters": parameters})
+        head = {**_head(self._run, parts), "parameters": parameters, "bridges": _bridges(parts)}
+        self._board.put("run", head)
         rows = _rows(parts, _COLUMNS)
         keys: set[str] = set()
         begun, ended = [_times(parts.get(name), len(rows)) for name in _TIMES]
@@ -161,7 +174,7 @@ async def _run_run(client: FleetClient, parameters: RunFeedParameters, board: Bo
         board.put("outline", await _outline(client, node, there))
 
         async def watch() -> None:
-            names = (*_HEAD, "Parameters", *_COLUMNS, *(name for name in _TIMES if name in there))
+            names = (*_HEAD, "Parameters", *_COLUMNS, *(name for name in (*_TIMES, *_BRIDGES) if name in there))
             place = {f"{node}.{name}": name for name in names}
             parts: dict[str, Reading] = {}
             async for reading in client.watch(list(place)):

@@ -32,6 +32,12 @@ class Text(OperationParameters):
     scenario: str = Field(min_length=1, max_length=_MOST_TEXT)
 
 
+class Validated(Text):
+    """What is asked of it: whether the server can orchestrate it, or bridges carry it, too."""
+
+    carried: bool = False
+
+
 class Stored(Named):
     """A text for the folder, and the version in whose place it is."""
 
@@ -49,6 +55,12 @@ class StartParameters(Text):
     """What a run is started with, as texts."""
 
     parameters: dict[str, str] = Field(default_factory=dict[str, str], max_length=200)
+
+
+class Started(StartParameters):
+    """Who carries it out: the server, or the bridges."""
+
+    carried: bool = False
 
 
 class Rehearsed(StartParameters):
@@ -76,6 +88,14 @@ class Answered(RunParameters):
     answer: str = Field(pattern="^(done|retry|fail|replace)$")
 
 
+class Adopted(RunParameters):
+    """A bridge of a carried run that is off, as a person has seen, and the tasks that its robots have done."""
+
+    bridge: str = Field(min_length=1, max_length=200)
+    is_off: bool
+    done: list[str] = Field(default_factory=list[str], max_length=500)
+
+
 class ToldEvent(OperationParameters):
     """Something that has happened."""
 
@@ -97,8 +117,8 @@ async def _outline(client: FleetClient, asked: Text) -> dict[str, Any]:
         return await asyncio.to_thread(outline, asked.scenario)
 
 
-async def _validate(client: FleetClient, asked: Text) -> dict[str, Any]:
-    return {"problems": _problems(await ScenarioClient(client).validate(asked.scenario))}
+async def _validate(client: FleetClient, asked: Validated) -> dict[str, Any]:
+    return {"problems": _problems(await ScenarioClient(client).validate(asked.scenario, carried=asked.carried))}
 
 
 async def _dry_run(client: FleetClient, asked: Rehearsed) -> dict[str, Any]:
@@ -118,8 +138,8 @@ async def _delete(client: FleetClient, asked: Deleted) -> None:
     await ScenarioClient(client).delete(asked.name, asked.version)
 
 
-async def _run(client: FleetClient, asked: StartParameters) -> dict[str, Any]:
-    return {"run": await ScenarioClient(client).run(asked.scenario, asked.parameters)}
+async def _run(client: FleetClient, asked: Started) -> dict[str, Any]:
+    return {"run": await ScenarioClient(client).run(asked.scenario, asked.parameters, carried=asked.carried)}
 
 
 async def _pause(client: FleetClient, asked: RunParameters) -> None:
@@ -138,6 +158,11 @@ async def _answer(client: FleetClient, asked: Answered) -> None:
     await ScenarioClient(client).answer(asked.run, asked.step, asked.answer)
 
 
+async def _adopt(client: FleetClient, asked: Adopted) -> dict[str, Any]:
+    heir = await ScenarioClient(client).adopt(asked.run, asked.bridge, asked.done, is_off=asked.is_off)
+    return {"heir": harmless_value(heir)}
+
+
 async def _tell_event(client: FleetClient, asked: ToldEvent) -> None:
     await ScenarioClient(client).tell_event(asked.event)
 
@@ -145,14 +170,15 @@ async def _tell_event(client: FleetClient, asked: ToldEvent) -> None:
 SCENARIO_OPERATIONS: Final = (
     OperationKind("scenario.text", Named, _text, "Scenarios.Text", "observer"),
     OperationKind("scenario.outline", Text, _outline, "nothing", "observer"),
-    OperationKind("scenario.validate", Text, _validate, "Scenarios.Validate", "operator"),
+    OperationKind("scenario.validate", Validated, _validate, "Scenarios.Validate", "operator"),
     OperationKind("scenario.dry_run", Rehearsed, _dry_run, "Scenarios.DryRun", "operator"),
     OperationKind("scenario.store", Stored, _store, "Scenarios.Store", "engineer"),
     OperationKind("scenario.delete", Deleted, _delete, "Scenarios.Delete", "engineer"),
-    OperationKind("scenario.run", StartParameters, _run, "Scenarios.Run", "operator"),
+    OperationKind("scenario.run", Started, _run, "Scenarios.Run", "operator"),
     OperationKind("run.pause", RunParameters, _pause, "Scenarios.Pause", "operator"),
     OperationKind("run.resume", RunParameters, _resume, "Scenarios.Resume", "operator"),
     OperationKind("run.abort", AbortParameters, _abort, "Scenarios.Abort", "operator"),
     OperationKind("run.answer", Answered, _answer, "Scenarios.Answer", "operator"),
+    OperationKind("run.adopt", Adopted, _adopt, "Scenarios.Adopt", "operator"),
     OperationKind("run.tell_event", ToldEvent, _tell_event, "Scenarios.TellEvent", "operator"),
 )

@@ -41,9 +41,10 @@ from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.run_commands import new_run_id
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.skills.commands import SkillCommands
+from ua_fleet.orchestrator import BridgesFollowed, BridgeTold
 from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived, DataReceived, SourceSilent, SubscriberEvent
-from ua_fleet.pubsub.run_data import RUN_DATA_COUNT, RUN_DATA_ID, RUN_DATA_TYPES
+from ua_fleet.pubsub.run_data import RUN_DATA_COUNT, RUN_DATA_HOLDS, RUN_DATA_ID, RUN_DATA_TYPES
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import (
@@ -137,7 +138,7 @@ class CarriedRuns:
         self._asked: dict[bytes, Callable[[RequestOutcome], None]] = {}
         self._commands = commands(instance=INSTANCE, told=self._told, most_remembered=1000)
         self._adoptions = Adoptions(config, service, clock=clock, wall_s=wall_s, log=log)
-        self._questions = CarriedQuestions(self._names, self._ask, service.show_decision)
+        self._questions = CarriedQuestions(self._names, self._ask, service.show_told)
         self._runs: dict[str, FollowedRun] = {}
         for record in service.carried:
             has_begun = "" in record.state.started
@@ -319,7 +320,8 @@ class CarriedRuns:
         asked = None if run is None else run.bridges.get(space)
         if run is None or asked is None:
             return
-        asked.is_heard = True
+        asked.is_heard, asked.has_token = True, bool(values[RUN_DATA_HOLDS])
+        self._show_waits(run)
         is_new = values[RUN_DATA_COUNT] > asked.told or (values[-1] and not asked.is_complete)
         if is_new and run.phase is CarriedPhase.FOLLOWING:
             asked.next_at = min(asked.next_at, self._clock() + NEWS_S)
@@ -575,6 +577,17 @@ class CarriedRuns:
             if text != run.shown and run.run_id in self._runs:
                 run.shown = text
                 self._service.show_waiting(run.run_id, TaskWaits("", "bridges", "", "", text))
+        told = {space: self._bridge_told(run, space) for space in run.bridges}
+        if told != run.bridges_shown and run.run_id in self._runs:
+            run.bridges_shown = told
+            self._service.show_told(BridgesFollowed(run.run_id, told))
+
+    def _bridge_told(self, run: FollowedRun, space: int) -> BridgeTold:
+        asked = run.bridges[space]
+        state = "answers"
+        if asked.is_away:
+            state = "silent" if self._adoptions.can_leave_out(run, space) else "away"
+        return BridgeTold(state, asked.has_token, asked.problem)
 
 
 def _late_run(record: RunRecord) -> FollowedRun:

@@ -156,6 +156,12 @@ class Adoptions:
             f" have another bridge go on: ua-fleet scenario adopt {run.run_id} {name} --off"
         )
 
+    def can_leave_out(self, run: FollowedRun, space: int) -> bool:
+        """Whether a person may say that a bridge is off: `begin` says what is wrong otherwise."""
+        silent = [one for one in run.bridges if self._is_silent(run, one)]
+        is_under_way = run.phase is CarriedPhase.FOLLOWING and run.closed is None
+        return is_under_way and silent == [space] and len(run.bridges) > 1
+
     def _is_silent(self, run: FollowedRun, space: int) -> bool:
         """Whether a bridge of a run has not answered for long, though it was asked."""
         asked = run.bridges[space]

@@ -8,6 +8,7 @@ from enum import Enum
 from typing import Any
 
 from ua_fleet.operation.runs.adopting import Adopting
+from ua_fleet.orchestrator import BridgeTold
 from ua_fleet.scenario.facts import Fact
 
 __all__ = ["AskedBridge", "CarriedPhase", "FollowedRun"]
@@ -48,6 +49,8 @@ class AskedBridge:
     """Whether it knows whether the run is paused."""
     is_heard: bool = False
     """Whether its DataSet of runs is heard: then it tells when it has more."""
+    has_token: bool = False
+    """Whether it has one of the run, as its DataSet of runs has said last."""
     is_complete: bool = False
     """Whether it knows that the run is over, does nothing for it, and has no more facts."""
 
@@ -84,3 +87,4 @@ class FollowedRun:
     known: set[str] = field(default_factory=set[str])
     """Facts that are in the journal already, as lines."""
     shown: str = ""
+    bridges_shown: Mapping[int, BridgeTold] = field(default_factory=dict[int, BridgeTold])

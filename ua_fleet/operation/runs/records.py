@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Final, NamedTuple
 
-from ua_fleet.orchestrator import DecisionChanged
+from ua_fleet.orchestrator import BridgeTold, DecisionChanged
 from ua_fleet.printing import utc_text
 from ua_fleet.resilience import Aborted, Ranking, RankingChanged, ReplacementChosen
 from ua_fleet.scenario import Value, read_scenario
@@ -75,6 +75,8 @@ class RunRecord:
         """When the last attempt at each task began and ended."""
         self._bridges = ""
         """What the bridges that carry it do not say or hand over, for people."""
+        self._bridges_told: Mapping[int, BridgeTold] = {}
+        """How these stand, by their spaces."""
         self._waiting: dict[str, TaskWaits] = {}
         """Why tasks cannot begin now."""
         self._decisions: dict[str, str] = {}
@@ -137,6 +139,17 @@ class RunRecord:
         self._waiting.pop(waits.step, None)
         if waits.reason and waits.step not in self.state.ended:
             self._waiting[waits.step] = waits
+
+    def show_bridges(self, bridges: Mapping[int, BridgeTold]) -> None:
+        """Know how the bridges stand that carry it."""
+        self._bridges_told = bridges
+
+    @property
+    def bridges(self) -> dict[int, BridgeTold]:
+        """The bridges that carry it, by their spaces; none where the server orchestrates it."""
+        nothing = BridgeTold("", False, "")
+        is_over = self.state.outcome is not None
+        return {space: nothing if is_over else self._bridges_told.get(space, nothing) for space in self.state.carried}
 
     def show_decision(self, decision: DecisionRecord, until: float | None) -> None:
         """Know what a decision about a task waits for, or that it is over; `until` when it waits at the latest."""

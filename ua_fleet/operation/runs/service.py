@@ -37,6 +37,7 @@ from ua_fleet.operation.runs.run_commands import RunCommands
 from ua_fleet.operation.runs.task_calls import Requests
 from ua_fleet.operation.runs.values import FleetValues, fleet_view
 from ua_fleet.orchestrator import (
+    BridgesFollowed,
     DecisionChanged,
     Fault,
     FaultChanged,
@@ -299,9 +300,9 @@ class ScenarioService:
         """Show why such a run does not go on now."""
         self._do([TaskWaiting(run_id, waits)])
 
-    def show_decision(self, changed: DecisionChanged) -> None:
-        """Show what became of a decision of such a run."""
-        self._do([changed])
+    def show_told(self, told: DecisionChanged | BridgesFollowed) -> None:
+        """Show what became of a decision of such a run, or how its bridges stand."""
+        self._do([told])
 
     # Robots.
 

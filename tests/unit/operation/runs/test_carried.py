@@ -17,12 +17,15 @@ from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ScenarioError
 from ua_fleet.operation.runs.carried import OFFER_S, CarriedRuns
-from ua_fleet.orchestrator import RunChanged, TaskWaiting
+from ua_fleet.orchestrator import BridgesFollowed, RunChanged, TaskWaiting
 from ua_fleet.pubsub.carry_action import Word
+from ua_fleet.pubsub.events import DataReceived
+from ua_fleet.pubsub.run_data import RUN_DATA_FIELDS, RUN_DATA_ID, RUN_DATA_TYPES, run_data_topic
 from ua_fleet.scenario.facts import RunAdopted, RunClosing, RunEnded, RunOutcome
 from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome, pack
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode
+from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData, FrameKind
 
 AWAY_S = 20.0
 NOBODY = RequestOutcome(OutcomeKind.UNKNOWN, ExecutionReport(ExecutionState.UNKNOWN))
@@ -174,6 +177,18 @@ class Carried(World):
     def reason(self) -> str:
         """Why the run waits, as it was shown last."""
         return [one.waits.reason for one in self.said if isinstance(one, TaskWaiting)][-1]
+
+    def bridges_told(self) -> dict[str, tuple[str, bool]]:
+        """How the bridges of the run were shown last: the state of each, and whether it has the token."""
+        told = [one.bridges for one in self.said if isinstance(one, BridgesFollowed)][-1]
+        return {f"c{space - 300}": (one.state, one.has_token) for space, one in told.items()}
+
+    def tell_token(self, space: int, run_id: str, holds: tuple[int, ...]) -> None:
+        """A bridge tells by its DataSet which segments it has the tokens of."""
+        values = (run_id, holds, (), (), (), (), "", (), (), 0, "")
+        metadata = DataSetMetaData("Runs", RUN_DATA_FIELDS, ConfigurationVersion(1, 1))
+        message = DataSetMessage(RUN_DATA_ID, FrameKind.KEY, types=RUN_DATA_TYPES, values=values, timestamp=1)
+        self.carried.follow(DataReceived(run_data_topic(space, 2), message, metadata))
 
 
 @pytest.fixture
@@ -421,3 +436,31 @@ def test_an_adoption_that_waits_for_a_bridge_says_so(world: Carried) -> None:
     world.bridges.off.discard(302)
     world.go(2.0)
     assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.ABORTED]
+
+
+def test_where_the_token_is_and_which_bridge_can_be_left_out_is_shown(world: Carried) -> None:
+    run_id = world.begin()
+    waits, silent = ("answers", False), ("silent", True)
+    assert world.bridges_told() == {"c0": waits, "c1": waits, "c2": waits}
+    world.tell_token(300, run_id, (0,))
+    assert world.bridges_told() == {"c0": ("answers", True), "c1": waits, "c2": waits}
+    world.tell_token(300, run_id, ())
+    world.tell_token(301, run_id, (1,))
+    world.tell_token(302, "another run", (1,))
+    assert world.bridges_told() == {"c0": waits, "c1": ("answers", True), "c2": waits}
+    world.bridges.off.add(301)
+    world.go(12.0)
+    assert world.bridges_told()["c1"] == ("away", True)
+    world.go(AWAY_S)
+    assert world.bridges_told() == {"c0": waits, "c1": silent, "c2": waits}
+    world.bridges.off.add(302)
+    world.go(AWAY_S + 10)
+    assert [state for state, _ in world.bridges_told().values()] == ["answers", "away", "away"], (
+        "nobody can be left out"
+    )
+    world.bridges.off.discard(302)
+    world.go(6.0)
+    assert world.bridges_told()["c1"] == silent
+    world.carried.adopt(run_id, "c1", (), "anna")
+    world.go(6.0)
+    assert world.bridges_told() == {"c0": waits, "c2": waits}

@@ -29,7 +29,21 @@ export interface RunRow {
   at: { task: string; robot: string; state: TaskState }[];
 }
 
-export type RunHead = Omit<RunRow, 'tasks' | 'at'> & { parameters: Record<string, Json> };
+/** A bridge that carries a run, as the server sees it. */
+export interface Carrier {
+  bridge: string;
+  /** Silent: for so long that a person can leave it out. Empty: nothing was heard yet, or the run is over. */
+  state: 'answers' | 'away' | 'silent' | '';
+  /** Whether it had a token when it was heard last. */
+  token: boolean;
+  message: string;
+}
+
+export type RunHead = Omit<RunRow, 'tasks' | 'at'> & {
+  parameters: Record<string, Json>;
+  /** None: the server orchestrates it. */
+  bridges: Carrier[];
+};
 
 /** A task of a run, in one repetition: `step` has its number at the end, as `2.repeat.0@1`. */
 export interface TaskRow {

@@ -129,8 +129,10 @@ def test_any_message_comes_back_and_a_plan_writes_the_same(variants: list[Varian
 FLOAT_FIELD = DataSetFields(DataSetMetaData("float", (FieldMetaData("f", B.FLOAT),), VERSION))
 LEAST, MOST = 2.0**-126, (2.0 - 2.0**-23) * 2.0**127
 """The smallest and the largest normal Float."""
-EDGES = [0.0, -0.0, 2.0**-149, 2.0**-150, LEAST - 2.0**-149, LEAST, LEAST + 2.0**-149, MOST, MOST + 2.0**103, 2.0**128]
-EDGES += [1.0 + 2.0**-23, 1.0 + 2.0**-24, 1.0 + 2.0**-25, 1.0 + 3 * 2.0**-24, 5e-324, 1e300, 1.7976931348623157e308]
+EDGES = [
+    *(0.0, -0.0, 2.0**-149, 2.0**-150, LEAST - 2.0**-149, LEAST, LEAST + 2.0**-149, MOST, MOST + 2.0**103, 2.0**128),
+    *(1.0 + 2.0**-23, 1.0 + 2.0**-24, 1.0 + 2.0**-25, 1.0 + 3 * 2.0**-24, 5e-324, 1e300, 1.7976931348623157e308),
+]
 
 
 @given(

@@ -32,6 +32,7 @@ from ua_fleet.endpoint.certificates import (
     load_certificate,
     thumbprint,
 )
+from ua_fleet.endpoint.fingerprints import fingerprint_of
 from ua_fleet.endpoint.rejected import RejectedCertificates
 from ua_fleet.errors import ServerStartError, UaFleetError
 from ua_fleet.storage.files import make_private_folder, open_to_others
@@ -47,8 +48,6 @@ MAX_KEY_BITS: Final = 4096
 MAX_CHAIN: Final = 5
 MAX_CHAIN_BYTES: Final = 16_384
 _MOST_ASKED: Final = 1_000
-_MOST_READ: Final = 256
-"""Certificates, and chains of them, that are not read again."""
 _WEAK_HASHES: Final = (hashes.MD5, hashes.SHA1)
 
 
@@ -78,7 +77,7 @@ def split_chain(data: bytes) -> list[x509.Certificate]:
     return list(_split_chain(data))
 
 
-@functools.lru_cache(_MOST_READ)
+@functools.lru_cache(256)
 def _split_chain(data: bytes) -> tuple[x509.Certificate, ...]:
     """What the same bytes are is found once: they say nothing of whether the certificates are good now."""
     if len(data) > MAX_CHAIN_BYTES:
@@ -97,12 +96,6 @@ def _split_chain(data: bytes) -> tuple[x509.Certificate, ...]:
     if not chain:
         raise CertificateRefused(INVALID, "there is no certificate")
     return tuple(chain)
-
-
-@functools.lru_cache(_MOST_READ)
-def fingerprint_of(certificate: x509.Certificate) -> bytes:
-    """SHA-256 of a certificate, by which it is known in the folders."""
-    return certificate.fingerprint(hashes.SHA256())
 
 
 def _der_length(head: bytes) -> int:

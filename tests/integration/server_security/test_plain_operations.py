@@ -11,10 +11,11 @@ from typing import Any
 import pytest
 from asyncua.common.utils import Buffer
 
+from tests.integration.server_security.both_ways import Paths, targets_of
 from tests.integration.server_security.harness import Identities, binary, door, ua
 from tests.integration.server_security.test_limits import create_subscription
 from tests.integration.server_security.test_mutations import mutated
-from tests.integration.server_security.test_plans import COUNT, Paths, targets_of
+from tests.integration.server_security.test_plans import COUNT
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 

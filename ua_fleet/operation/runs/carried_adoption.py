@@ -136,21 +136,19 @@ class Adoptions:
 
     def offer(self, run: FollowedRun, space: int) -> str:
         """What a person can do about a bridge that has not answered for long; empty while there is nothing."""
-        if not self._is_silent(run, space):
+        if not self.can_leave_out(run, space):
             return ""
         silent, name = f", nor has it answered for {self._after_s:g} s", self._names[space]
         abort = f"ua-fleet scenario abort {run.run_id}"
-        if run.phase is CarriedPhase.ADOPTING and run.adopting is not None and not run.bridges[space].is_done:
+        if run.phase is CarriedPhase.ADOPTING and run.adopting is not None:
             gone = " and ".join([self._names[one] for one in run.adopting.gone])
             return (
                 f"{silent}; the run goes on without {gone} once {name} knows it: start {name}, or abort it: {abort}; if"
                 f" it is off for good too: ua-fleet scenario adopt {run.run_id} {name} --off"
             )
-        if run.phase is CarriedPhase.CLOSING and not run.bridges[space].is_done:
+        if run.phase is CarriedPhase.CLOSING:
             leave = f"ua-fleet scenario adopt {run.run_id} {name} --off"
             return f"{silent}; if it is off for good, have the run end without it: {leave}"
-        if run.phase is not CarriedPhase.FOLLOWING or len(run.bridges) == 1:
-            return ""
         return (
             f"{silent}; if it is off for good, see what its robots have done, and"
             f" have another bridge go on: ua-fleet scenario adopt {run.run_id} {name} --off"
@@ -158,9 +156,11 @@ class Adoptions:
 
     def can_leave_out(self, run: FollowedRun, space: int) -> bool:
         """Whether a person may say that a bridge is off: `begin` says what is wrong otherwise."""
-        silent = [one for one in run.bridges if self._is_silent(run, one)]
-        is_under_way = run.phase is CarriedPhase.FOLLOWING and run.closed is None
-        return is_under_way and silent == [space] and len(run.bridges) > 1
+        if not self._is_silent(run, space):
+            return False
+        if run.phase is CarriedPhase.FOLLOWING:
+            return len(run.bridges) > 1
+        return not run.bridges[space].is_done and (run.phase is CarriedPhase.CLOSING or run.adopting is not None)
 
     def _is_silent(self, run: FollowedRun, space: int) -> bool:
         """Whether a bridge of a run has not answered for long, though it was asked."""

@@ -60,7 +60,7 @@ class Bridge:
             Publisher(space, timing, Counters(), Codec()),
             self.subscriber,
             cast("Any", None),
-            cast("Any", SimpleNamespace()),
+            cast("Any", SimpleNamespace(record_own_in=lambda _journal, _now: None)),
             Counters(),
             self.mistakes,
             self.loop,

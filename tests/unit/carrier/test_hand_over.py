@@ -20,7 +20,7 @@ from tests.kill_points import counted_syncs, kill_points
 from tests.unit.carrying.test_plan import plan, task
 from ua_fleet.bridge.actions import Actions
 from ua_fleet.bridge.carry import CarryGround
-from ua_fleet.bridge.core import BridgeCore
+from ua_fleet.bridge.core import BridgeCore, CarrySide
 from ua_fleet.bridge.driver import (
     Driver,
     DriverStatus,
@@ -44,7 +44,6 @@ from ua_fleet.pubsub.carry_action import CARRY_ID
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
-from ua_fleet.skill.executions import ExecutionState
 from ua_fleet.skill.journal import RecordedExecution
 from ua_fleet.skill.responder import ResponderLimits
 from ua_fleet.storage.carried_records import CarriedRecords
@@ -175,15 +174,18 @@ class Bridge:
             limits=ResponderLimits(),
         )
         self.core.carrying = carrier_of(CONFIG, name, folder, lambda: self._open(folder))(ground)
+        self._begin(name, self.core.carrying, counters)
+
+    def _begin(self, name: str, carrying: CarrySide, counters: Counters) -> None:
         topic = status_topic(CONFIG, CONFIG.bridges[name])
         assert topic is not None
-        self.core.begin(now=clock(), wall_ticks=self.wall_ticks())
+        self.core.begin(now=self._clock(), wall_ticks=self.wall_ticks())
         source = SourceFound(topic, f"{name} status", STATUS_FIELDS)
-        self.core.from_space(source, now=clock(), wall_ticks=self.wall_ticks())
+        self.core.from_space(source, now=self._clock(), wall_ticks=self.wall_ticks())
         values = status_values(name, "virtual", self.robot.status(), counters)
-        self.core.tell(topic, values, self.wall_ticks(), now=clock())
-        self.actions.begin(clock())
-        self.core.carrying.begin(clock())
+        self.core.tell(topic, values, self.wall_ticks(), now=self._clock())
+        self.actions.begin(self._clock())
+        carrying.begin(self._clock())
 
     def wall_ticks(self) -> int:
         return UNIX_EPOCH_TICKS + round((self._clock() + 1e9) * 10_000_000)
@@ -348,12 +350,17 @@ def begun_after_kills(tmp_path: Path) -> Iterator[list[bytes]]:
         points.copy()
     assert len(points.made) - first > 5
     for killed, begun in points.made[first:]:
-        with world_in(killed, RESTARTED_AT, begun) as world:
-            world.until(lambda world=world: world.hall.robot.begun or world.now > RESTARTED_AT + 2.0)
-            if not world.hall.robot.begun:  # killed before it was written that the first robot is done
-                world.cell.end_task()
-            world.until(lambda world=world: world.hall.robot.begun and world.now > RESTARTED_AT + 4.0)
-            yield [*world.cell.robot.begun, *world.hall.robot.begun]
+        with world_in(killed, RESTARTED_AT, begun) as again:
+            yield begun_after_a_restart(again)
+
+
+def begun_after_a_restart(world: World) -> list[bytes]:
+    """What the robots have begun once the run has gone on for a while."""
+    world.until(lambda: world.hall.robot.begun or world.now > RESTARTED_AT + 2.0)
+    if not world.hall.robot.begun:  # killed before it was written that the first robot is done
+        world.cell.end_task()
+    world.until(lambda: world.hall.robot.begun and world.now > RESTARTED_AT + 4.0)
+    return [*world.cell.robot.begun, *world.hall.robot.begun]
 
 
 def test_a_kill_at_any_write_of_a_hand_over_begins_each_task_once(tmp_path: Path) -> None:
@@ -370,26 +377,3 @@ def test_an_execution_that_is_not_written_down_is_found(tmp_path: Path, monkeypa
 
     monkeypatch.setattr(ExecutionJournals, "recorded", forgetful)
     assert any(len(begun) > len(BRIDGES) for begun in begun_after_kills(tmp_path))
-
-
-def test_executions_of_both_journals_are_found_and_forgotten_in_their_own(tmp_path: Path) -> None:
-    with world_in(tmp_path) as world:
-        world.until(lambda: world.cell.robot.begun)
-        assert world.cell.records is not None
-        own = world.cell.records.executions
-        (ours,) = own.executions()
-        theirs = ours._replace(execution_id=bytes(16), requestor_id="0.x", space=0, issued=ours.issued - 5)
-        before = ours._replace(execution_id=bytes(15) + b"\1", issued=ours.issued - 9)
-        world.cell.journal.recorded(before)  # by a version that had one journal
-        journals = ExecutionJournals(300, world.cell.journal)
-        assert [*journals.record_own_in(own)] == [ours]
-        journals.recorded(theirs)
-        assert [*journals.executions()] == [before, theirs, ours]
-        for each in (before, ours):
-            done = each.report._replace(state=ExecutionState.DONE)
-            journals.reported(each.execution_id, done)
-        states = [one.report.state for one in (*world.cell.journal.executions(), *own.executions())]
-        assert states == [ExecutionState.DONE, ExecutionState.RUNNING, ExecutionState.DONE]
-        journals.forget_executions([before.execution_id, ours.execution_id], {300: ours.issued})
-        assert [*journals.executions()] == [theirs]
-        assert journals.forgotten() == own.forgotten() == {300: ours.issued}

@@ -315,7 +315,7 @@ def test_a_bridge_of_a_carried_run_that_is_off_is_left_out(fleet: Fleet, open_pa
     dialog = page.get_by_role("dialog", name="Leave middle_cell out")
     expect(dialog.get_by_role("group").get_by_role("checkbox")).to_have_count(1)
     dialog.get_by_role("button", name="Leave it out").click()
-    expect(dialog).to_contain_text("otherwise robots are told twice")
+    expect(dialog).to_contain_text("otherwise robots could be commanded twice")
     picture(page, "run-carried-adopt")
     dialog.get_by_label("middle_cell is off").check()
     dialog.get_by_role("button", name="Leave it out").click()

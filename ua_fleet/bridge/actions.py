@@ -29,6 +29,7 @@ from ua_fleet.bridge.driver import (
     ExecutionSuspended,
     Skill,
 )
+from ua_fleet.bridge.journals import ExecutionJournals
 from ua_fleet.bridge.skill_status import StatusBoard
 from ua_fleet.bridge.unrecorded import Said, Step, Unrecorded
 from ua_fleet.counters import Counters, Drop
@@ -142,9 +143,10 @@ class Actions:
             rule,
         )
         self._followed = followed
+        self._journals = ExecutionJournals(space, journal)
         self._responder = ActionResponder(
             space,
-            journal,
+            self._journals,
             counters,
             allowed_spaces=(*requestors, space),  # of its own space the loop rule lets nothing in
             must_be_verified=must_be_verified,
@@ -172,8 +174,17 @@ class Actions:
     def begin(self, now: float) -> None:
         """Announce the skills, and ask the driver about executions of a run before."""
         self._look_at_skills(now)
-        effects = self._responder.recover()
-        for execution in self._responder.executions()[-_SHOWN_AFTER_START:]:
+        self._go_on(self._responder.recover(), self._responder.executions(), now)
+
+    def record_own_in(self, journal: skill_journal.ResponderJournal, now: float) -> None:
+        """Record in it what `receive_own` takes, and go on with what it has of a run before."""
+        found = self._journals.record_own_in(journal)
+        self._go_on(self._responder.learn(found), [*found], now)
+
+    def _go_on(
+        self, effects: list[ResponderEffect], executions: list[skill_journal.RecordedExecution], now: float
+    ) -> None:
+        for execution in executions[-_SHOWN_AFTER_START:]:
             self._board.show(execution, now, self._wall_ticks())
         self._do(effects, now)
         self._settle(now)
@@ -305,6 +316,7 @@ class Actions:
         """The effects of a step; None where the journal could not record it, and so nothing has happened."""
         try:
             effects = step()
+            self._journals.settle()  # several records may share a sync, and the robot or others hear of it now
         except StorageUnavailable as error:
             if not self.problem:
                 self._failed(f"executions cannot be recorded, and none is begun: {error}", None)

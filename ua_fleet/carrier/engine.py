@@ -26,7 +26,7 @@ from ua_fleet.config.nodes import fleet_model, max_ages_of
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import publisher_ids
 from ua_fleet.counters import Counters
-from ua_fleet.errors import ConfigError
+from ua_fleet.errors import ConfigError, StorageUnavailable
 from ua_fleet.fleet.changes import CapacitiesChanged, Change, ValueChanged
 from ua_fleet.fleet.state import FleetState
 from ua_fleet.operation.runs.clock import steady
@@ -191,6 +191,9 @@ class SegmentEngine:
         """What the bridge has said, and is taken in with the next turn of the loop."""
         self._ends: list[SegmentEnd] | None = None
         """Segments that have ended in this turn, which is synced to the disk once; None between turns."""
+        self._to_own: deque[bytes] = deque()
+        """What the bridge's own robots are asked at the end of this turn, with the same sync; else in the next one."""
+        self._is_in_turn = False
         self._next_tick = 0.0
         wall_s = steady(ground.loop.time, lambda: (ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND)
         self.wall_s = wall_s
@@ -336,8 +339,10 @@ class SegmentEngine:
         self._queue.append(datagram)
 
     def _take_own(self) -> None:
+        if not self._queue:
+            return
         now = self._ground.loop.time()
-        with self._turn():
+        with self.turn():
             for _ in range(len(self._queue)):
                 datagram = self._queue.popleft()
                 with self._ground.mistakes.guard("carried runs"):
@@ -353,7 +358,7 @@ class SegmentEngine:
 
     def receive(self, event: ActionReceived, now: float) -> None:
         """Take the response of another bridge."""
-        with self._turn():
+        with self.turn():
             self._skills.receive(event, now)
 
     def _hear(self, events: Iterable[SubscriberEvent], now: float, *, is_own: bool = False) -> None:
@@ -401,9 +406,23 @@ class SegmentEngine:
 
     def _send(self, plain: bytes) -> None:
         if read_security(plain).publisher_id == self._space:
-            self._ground.loop.call_soon(self._to_bridge, plain)
-        else:
+            if not (self._to_own or self._is_in_turn):
+                self._ground.loop.call_soon(self._ask_own)
+            self._to_own.append(plain)
+        elif self._is_settled():
             self._ground.send(plain)
+
+    def _is_settled(self) -> bool:
+        """Whether all that a message depends on is on the disk now; one that has to stay is lost, as any may be."""
+        try:
+            self._records.settle()
+        except StorageUnavailable:
+            return False  # whoever records next says so
+        return True
+
+    def _ask_own(self) -> None:
+        while self._to_own:
+            self._to_bridge(self._to_own.popleft())
 
     def _to_bridge(self, plain: bytes) -> None:
         now = self._ground.loop.time()
@@ -453,14 +472,17 @@ class SegmentEngine:
             self._ends.append(_end_of(record))
 
     @contextmanager
-    def _turn(self) -> Generator[None]:
-        """Have what happens within synced once, with the ends of segments that follow from it."""
-        if self._ends is not None:
+    def turn(self) -> Generator[None]:
+        """Have what happens within synced once, with the ends of segments and the requests to own robots that follow.
+
+        The bridge settles before a robot is told.
+        """
+        if self._is_in_turn:
             yield
             return
         ends: list[SegmentEnd] = []
-        self._ends = ends
         with self._records.one_sync():
+            self._ends, self._is_in_turn = ends, True
             try:
                 yield
             finally:
@@ -468,12 +490,14 @@ class SegmentEngine:
                 for end in ends:
                     with self._ground.mistakes.guard("carried runs", run_id=end.run_id):
                         self._ended(end)
+                self._ask_own()
+                self._is_in_turn = False
 
     # Time.
 
     def poll(self, now: float) -> None:
         """Do what is due."""
-        with self._turn():
+        with self.turn():
             self._hear(self._local.poll(now), now)
             self._skills.poll(now)
             if now >= self._next_tick:

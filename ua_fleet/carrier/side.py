@@ -157,6 +157,7 @@ class _Carrier:
         """The file, made where it is not there yet; raises StorageUnavailable."""
         if self._records is None:
             self._records = self._make_records()
+            self._ground.actions.record_own_in(self._records.executions, self._ground.loop.time())
         return self._records
 
     def _restore(self, now: float) -> None:
@@ -278,7 +279,7 @@ class _Carrier:
             case Word.PART if sender == 0:
                 self._take_part(content, now)
             case Word.TOKEN:
-                with self._one_sync():  # the token, and what its first task is asked with
+                with self._one_sync():  # the token, what its first task is asked with, and that its robot is to begin
                     self._do(self._holder.take_token(content, sender, wall_s))
             case Word.END:
                 words = decode_words(content)
@@ -306,6 +307,8 @@ class _Carrier:
         return pack(_BYTES, (answer,))
 
     def _one_sync(self) -> AbstractContextManager[None]:
+        if self._engine is not None:
+            return self._engine.turn()
         return nullcontext() if self._records is None else self._records.one_sync()
 
     def _take_part(self, content: bytes, now: float) -> None:

@@ -111,6 +111,10 @@ class ResponderJournal(Protocol):
         """For each space the newest issue time of an execution that was forgotten."""
         ...
 
+    def settle(self) -> None:
+        """What was recorded is on the disk when this returns, and may have effects outside."""
+        ...
+
 
 class MemoryJournal:
     """Both journals in memory: it outlives state machines, but not its process."""
@@ -146,7 +150,7 @@ class MemoryJournal:
         return nullcontext()
 
     def settle(self) -> None:
-        """See RequestorJournal."""
+        """See RequestorJournal and ResponderJournal."""
 
     def recorded(self, execution: RecordedExecution) -> None:
         """See ResponderJournal."""

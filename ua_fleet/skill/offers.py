@@ -85,6 +85,10 @@ class ActionOffers:
         self._before = [execution for execution in executions if execution.report.state not in NEVER_BEGUN]
         self._uses: dict[Target, _Use] = {}
 
+    def learn(self, executions: Iterable[RecordedExecution]) -> None:
+        """Count these, too, where nothing has been asked for since the beginning."""
+        self._before += [execution for execution in executions if execution.report.state not in NEVER_BEGUN]
+
     def put(self, offer: Offer) -> None:
         """Take requests for it from now on. How it was used before still counts."""
         self._offers[offer.target] = offer

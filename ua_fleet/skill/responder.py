@@ -36,7 +36,7 @@ has requests refused, with both times in the message, rather than begun late.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -192,10 +192,21 @@ class ActionResponder:
         """One of them; None where it is not remembered."""
         return self._executions.get(execution_id)
 
+    def learn(self, executions: Collection[RecordedExecution]) -> list[ResponderEffect]:
+        """Know what else the journal has now, from a run before, and ask the robots about it as in `recover`."""
+        self._executions |= {execution.execution_id: execution for execution in executions}
+        self._under_way |= {one.execution_id for one in executions if one.report.state in OPEN}
+        self._forgotten = dict(self._journal.forgotten())
+        self._offers.learn(executions)
+        return self._asked_about(executions)
+
     def recover(self) -> list[ResponderEffect]:
         """After a restart: ask the robots about executions without an end."""
+        return self._asked_about(self.executions())
+
+    def _asked_about(self, executions: Iterable[RecordedExecution]) -> list[ResponderEffect]:
         effects: list[ResponderEffect] = []
-        for execution in self.executions():
+        for execution in executions:
             if execution.report.state is _S.RUNNING:
                 asking = execution._replace(report=execution.report._replace(state=_S.ASKING))
                 self._executions[execution.execution_id] = asking

@@ -1,5 +1,5 @@
 """What a bridge records of the runs that it carries, in one SQLite file: its facts of them, the runs of their segments,
-and what it has asked robots to do.
+what it has asked robots to do, and what its own robots were asked so. One sync puts all of it on the disk.
 
 A fact is on the disk when `note` returns. The facts of segments are kept until their run is forgotten: the server
 fetches them, which may have been away for all of the run. Of rounds of a `repeat` that are over, the last ones are.
@@ -17,7 +17,7 @@ from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_f
 from ua_fleet.carrying.held import HeldRun
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.storage.database import Database, Statement
-from ua_fleet.storage.journal import EXECUTION_TABLES
+from ua_fleet.storage.journal import EXECUTION_TABLES, SqliteJournal
 from ua_fleet.storage.request_journal import REQUEST_TABLES, RequestJournal
 from ua_fleet.storage.run_journal import RUN_TABLES, RunJournal
 
@@ -43,6 +43,13 @@ class _KeptRuns(RunJournal):
         return []
 
 
+class _OwnRequests(RequestJournal):
+    """Most requests stay in the process: who sends one out of it settles first."""
+
+    def settle(self) -> None:
+        """Nothing leaves the process with this."""
+
+
 class CarriedRecords:
     """The file of one bridge. Every method raises StorageUnavailable where it cannot do its part."""
 
@@ -57,8 +64,10 @@ class CarriedRecords:
         self._database = place
         self.runs: RunJournal = _KeptRuns(self._database)
         """Of segments."""
-        self.requests = RequestJournal(self._database)
-        """What robots were asked to do for them."""
+        self.requests: RequestJournal = _OwnRequests(self._database)
+        """What robots were asked to do for them; its `settle` does nothing, that of this does."""
+        self.executions = SqliteJournal(self._database)
+        """What the bridge's own robots were asked so."""
 
     def close(self) -> None:
         """Give the file free. Safe to call twice."""

@@ -1,7 +1,8 @@
 """The executions of Actions in a SQLite file: see `ua_fleet.skill.journal` for what is promised.
 
-Each record is one row, and each method one transaction that is on the disk when the method returns. So a process that
-is killed at any moment finds all that had returned, and nothing by halves. What a record may be forgotten, and when,
+Each record is one row, and each method one transaction that is on the disk when the method returns, or with the next
+`settle` where the file's owner has several synced once. So a process that is killed at any moment finds all that had
+returned, and nothing by halves. What a record may be forgotten, and when,
 is decided by the state machines; here it is only done.
 """
 
@@ -120,6 +121,10 @@ class SqliteJournal:
     def forgotten(self) -> Mapping[int, int]:
         """See ResponderJournal."""
         return dict(self._database.read("SELECT space, issued FROM forgotten"))
+
+    def settle(self) -> None:
+        """See ResponderJournal."""
+        self._database.settle()
 
 
 def _execution(row: Sequence[Any]) -> RecordedExecution:

@@ -2,8 +2,9 @@
 
 asyncua computes for a second to make the 6,000 nodes of the standard, 0.2 s to make those of a nodeset, and the garbage
 collection that the server asks for before takes up to half a second more, since a process of tests holds much. Here
-servers get copies of nodes that were made once, and nothing is collected while they start; and those that make a key
-have the same. What is a server's own is made as ever: its certificate and its nodes.
+servers get copies of nodes that were made once, and nothing is collected while they start; while they run, collections
+do not look at their nodes, which go with the next start. Those that make a key have the same. What is a server's own is
+made as ever: its certificate and its nodes.
 A process that is forked off one that has made them (`forking`) has them for its first server without a copy.
 """
 
@@ -12,19 +13,22 @@ from __future__ import annotations
 import asyncio
 import functools
 import gc
+import weakref
 from collections.abc import Generator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
-from operator import attrgetter
+from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
 from asyncua.server.address_space import AttributeValue, NodeData
 from asyncua.server.internal_server import InternalServer
 from asyncua.server.server import Server
-from asyncua.ua import ReferenceDescription
+from asyncua.ua.attribute_ids import AttributeIds
 from cryptography.hazmat.primitives.asymmetric import rsa
 
+from ua_fleet.endpoint.compact_nodes import HeldValue
+from ua_fleet.endpoint.standard_nodes import share_attributes
 from ua_fleet.nodes.nodeset import load_types
 
 __all__ = ["make_for_one", "quick_start"]
@@ -33,41 +37,82 @@ _internal_server: Final[Any] = InternalServer
 _server: Final[Any] = Server
 _rsa: Final[Any] = rsa
 _load: Final = _internal_server.load_standard_address_space
-_parts: Final = attrgetter(*[field.name for field in fields(ReferenceDescription)])
-_made: dict[Any, Any] = {}
-"""The nodes of the standard as asyncua makes them; no server has these."""
+_OWN: Final = (
+    AttributeIds.NodeId,
+    AttributeIds.Value,
+    AttributeIds.AccessLevel,
+    AttributeIds.UserAccessLevel,
+    AttributeIds.EventNotifier,
+)
+"""Attributes that a server replaces in place, or that no other node has: each node has an object for each."""
 _for_one: list[dict[Any, Any]] = []
 """Nodes for the first server that starts."""
+_starts: Final = count(1)
+_COLLECTS_EACH: Final = 20
+"""Starts after which is looked for what ended servers have left in cycles; most of it, their nodes, is gone before."""
+_running: Final[weakref.WeakSet[Any]] = weakref.WeakSet()
+_ended: list[weakref.ref[Any]] = []
+"""Address spaces of servers that have ended since the last start."""
 _starting: list[object] = []
 _is_forked_off: list[bool] = []
+
+
+class _Pattern:
+    """Nodes to make copies of; what copies share with it is replaced and never changed: ids, values and references."""
+
+    def __init__(self, nodes: dict[Any, Any]) -> None:
+        places: dict[int, int] = {}
+        self._values: list[Any] = []
+        """What nodes have in common. A server has one object for each, as `share_attributes` would give it."""
+        self._nodes: list[tuple[Any, tuple[Any, ...], tuple[int, ...], tuple[tuple[Any, Any], ...], list[Any]]] = []
+        copies: dict[Any, Any] = {}
+        for node_id, node in nodes.items():
+            copies[node_id] = copy = NodeData(node.nodeid)
+            copy.attributes = {number: AttributeValue(held.value) for number, held in node.attributes.items()}
+            copy.references = list(node.references)
+        space: Any = copies
+        share_attributes(space)
+        for node in copies.values():
+            own = {number: held.value for number, held in node.attributes.items() if not self._is_common(number, held)}
+            common = {number: held for number, held in node.attributes.items() if number not in own}
+            for held in common.values():
+                if id(held) not in places:
+                    places[id(held)] = len(self._values)
+                    self._values.append(held.value)
+            numbers = tuple(places[id(held)] for held in common.values())
+            self._nodes.append((node.nodeid, tuple(common), numbers, tuple(own.items()), node.references))
+
+    @staticmethod
+    def _is_common(number: Any, held: Any) -> bool:
+        return number not in _OWN and isinstance(held, HeldValue)
+
+    def copies(self) -> dict[Any, Any]:
+        """Nodes for one more server, by their ids."""
+        held: list[Any] = [HeldValue(value) for value in self._values]
+        copies: dict[Any, Any] = {}
+        for node_id, attributes, numbers, own, references in self._nodes:
+            copies[node_id] = made = NodeData(node_id)
+            made.attributes = {attribute: held[place] for attribute, place in zip(attributes, numbers, strict=True)}
+            for number, value in own:
+                made.attributes[number] = AttributeValue(value)
+            made.references = list(references)
+        return copies
 
 
 @dataclass(frozen=True)
 class _Nodeset:
     """What was imported from a nodeset."""
 
-    nodes: dict[Any, Any]
+    nodes: _Pattern
     references: dict[Any, list[Any]]
     """Of nodes that were there before."""
     node_ids: list[Any]
 
 
+_standard: list[_Pattern] = []
+"""The nodes of the standard as asyncua makes them."""
 _nodesets: dict[Any, _Nodeset] = {}
 """By their texts, and the indices that their namespaces have."""
-
-
-def _of_its_own(references: list[Any]) -> list[Any]:
-    return [ReferenceDescription(*_parts(reference)) for reference in references]
-
-
-def _copied(nodes: dict[Any, Any]) -> dict[Any, Any]:
-    """Nodes that share with these only what is replaced and never changed: ids, and what attributes hold."""
-    copies: dict[Any, Any] = {}
-    for node_id, node in nodes.items():
-        copies[node_id] = made = NodeData(node.nodeid)
-        made.attributes = {number: AttributeValue(held.value) for number, held in node.attributes.items()}
-        made.references = _of_its_own(node.references)
-    return copies
 
 
 async def _load_standard_address_space(server: Any, shelf_file: Path | None = None) -> None:
@@ -75,14 +120,30 @@ async def _load_standard_address_space(server: Any, shelf_file: Path | None = No
         server.aspace._nodes = _for_one.pop()
     elif not _starting:
         await _load(server, shelf_file)
-    elif not _made:
+    elif not _standard:
         await _load(server, shelf_file)
-        _made.update(_copied(server.aspace._nodes))
+        _standard.append(_Pattern(server.aspace._nodes))
     else:
-        server.aspace._nodes = _copied(_made)
+        server.aspace._nodes = _standard[0].copies()
 
 
 _internal_server.load_standard_address_space = _load_standard_address_space
+_start: Final = _internal_server.start
+_stop: Final = _internal_server.stop
+
+
+async def _start_and_tell(server: Any) -> None:
+    _running.add(server)
+    await _start(server)
+
+
+async def _stop_and_tell(server: Any) -> None:
+    await _stop(server)
+    _running.discard(server)
+    _ended.append(weakref.ref(server.aspace))
+
+
+_internal_server.start, _internal_server.stop = _start_and_tell, _stop_and_tell
 _import: Final = _server.import_xml
 
 
@@ -93,15 +154,15 @@ async def _import_xml(server: Any, path: str | None = None, xmlstring: str | Non
     key = xmlstring, *((number, name) for number, name in enumerate(names) if name in xmlstring)
     nodes = server.iserver.aspace._nodes
     if (known := _nodesets.get(key)) is not None:
-        nodes.update(_copied(known.nodes))
+        nodes.update(known.nodes.copies())
         for node_id, references in known.references.items():
-            nodes[node_id].references.extend(_of_its_own(references))
+            nodes[node_id].references.extend(references)
         return list(known.node_ids)
     before = {node_id: len(node.references) for node_id, node in nodes.items()}
     node_ids = await _import(server, path, xmlstring)
     new = {node_id: node for node_id, node in nodes.items() if node_id not in before}
-    added = {node_id: _of_its_own(nodes[node_id].references[count:]) for node_id, count in before.items()}
-    _nodesets[key] = _Nodeset(_copied(new), {one: many for one, many in added.items() if many}, list(node_ids))
+    added = {node_id: nodes[node_id].references[count:] for node_id, count in before.items()}
+    _nodesets[key] = _Nodeset(_Pattern(new), {one: many for one, many in added.items() if many}, list(node_ids))
     return node_ids
 
 
@@ -126,8 +187,7 @@ def make_for_one() -> None:
 
     with quick_start():
         asyncio.run(make())
-    _for_one.append(dict(_made))
-    _made.clear()
+    _for_one.append(_standard.pop().copies())
     _is_forked_off.append(True)
 
 
@@ -136,6 +196,11 @@ def quick_start() -> Generator[None]:
     """Servers that start meanwhile have copies of the standard's nodes, and the garbage collection rests."""
     start = object()
     was_on = gc.isenabled()
+    while _ended:
+        if (space := _ended.pop()()) is not None:
+            space._nodes = {}
+    if was_on and next(_starts) % _COLLECTS_EACH == 0:
+        gc.collect()
     gc.disable()
     _starting.append(start)
     try:
@@ -143,4 +208,6 @@ def quick_start() -> Generator[None]:
     finally:
         _starting.remove(start)
         if was_on:
+            if _running:
+                gc.freeze()  # until the server's end releases it; else each collection looks at all these nodes
             gc.enable()

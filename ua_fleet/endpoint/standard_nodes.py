@@ -27,7 +27,9 @@ def share_attributes(space: AddressSpace) -> None:
     for node_id in space.keys():  # noqa: SIM118 - an AddressSpace is no mapping
         attributes: dict[AttributeIds, Any] = space[node_id].attributes
         for attribute, held in attributes.items():
-            if attribute in (AttributeIds.Value, AttributeIds.NodeId) or held.value_callback is not None:
+            if isinstance(held, HeldValue) or attribute in (AttributeIds.Value, AttributeIds.NodeId):
+                continue  # one that is ours is shared already
+            if held.value_callback is not None:
                 continue
             variant = held.value.Value
             content = _content(variant.Value)

@@ -9,7 +9,6 @@ declaration.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from datetime import UTC, datetime
 from typing import Any, Final, NamedTuple
 
@@ -33,6 +32,7 @@ _HAS_SUBTYPE: Final = ns0(ObjectIds.HasSubtype)
 _MANDATORY: Final = ns0(ObjectIds.ModellingRule_Mandatory)
 _OPTIONAL: Final = ns0(ObjectIds.ModellingRule_Optional)
 _RULES: Final = (_MANDATORY, _OPTIONAL)
+_MEMBER_CLASSES: Final = (ua.NodeClass.Object, ua.NodeClass.Variable, ua.NodeClass.Method)
 
 
 class _Member(NamedTuple):
@@ -74,6 +74,8 @@ class DeclaredNodes:
         """Make Objects with string NodeIds in a namespace."""
         self._space, self._builder, self._ns, self._types = space, builder, ns, DataTypes(space)
         self._known: dict[tuple[ua.NodeId, ...], list[_Member]] = {}
+        self._with_rules: dict[ua.NodeId, list[tuple[ua.ReferenceDescription, ua.NodeId]]] = {}
+        """By declaration or type; a type as general as BaseObjectType is above each of them."""
         self.live: dict[ua.NodeId, LiveValue] = {}
         """The values that are computed, for who watches them."""
 
@@ -222,14 +224,21 @@ class DeclaredNodes:
             known = self._known[sources] = list(found.values())
         return known
 
-    def _ruled(self, source: ua.NodeId) -> Iterator[tuple[ua.ReferenceDescription, ua.NodeId]]:
+    def _ruled(self, source: ua.NodeId) -> list[tuple[ua.ReferenceDescription, ua.NodeId]]:
         """The members that a declaration or a type has, with their ModellingRules."""
-        for reference in self._space[source].references:
-            if not reference.IsForward or reference.NodeId not in self._space:
-                continue
-            for below in self._space[reference.NodeId].references:
-                if below.ReferenceTypeId == _HAS_RULE and below.NodeId in _RULES:
-                    yield reference, below.NodeId
+        known = self._with_rules.get(source)
+        if known is None:
+            known = self._with_rules[source] = [
+                (reference, below.NodeId)
+                for reference in self._space[source].references
+                if reference.IsForward and reference.NodeClass in _MEMBER_CLASSES
+                # A rule is an Object, too, to which thousands of declarations refer.
+                if reference.ReferenceTypeId != _HAS_RULE
+                if (node := self._space.get(reference.NodeId)) is not None
+                for below in node.references
+                if below.IsForward and below.ReferenceTypeId == _HAS_RULE and below.NodeId in _RULES
+            ]
+        return known
 
     def _type_of(self, reference: ua.ReferenceDescription) -> ua.NodeId:
         has_type = ns0(ObjectIds.HasTypeDefinition)

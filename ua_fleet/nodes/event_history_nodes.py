@@ -14,6 +14,7 @@ from typing import Any, Final
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
+from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.convert import raw_id
 from ua_fleet.endpoint.history_source import MOST_EVENTS
 from ua_fleet.endpoint.node_builder import HAS_COMPONENT, HAS_PROPERTY, HISTORY_READ
@@ -107,7 +108,9 @@ def show_event_history(space: AddressSpace, parts: NodeFactory, *, audit: bool) 
     ):
         set_value(space, ns0(getattr(ObjectIds, capabilities + name)), value, kind)
     notifier = ua.DataValue(ua.Variant(_SUBSCRIBE | HISTORY_READ, ua.VariantType.Byte))
-    space[_SERVER].attributes[AttributeIds.EventNotifier].value = notifier
+    # A new object: the one that is there is shared with all attributes of that content, AccessLevels among them.
+    attributes: Any = space[_SERVER].attributes
+    attributes[AttributeIds.EventNotifier] = HeldValue(notifier)
     parts.builder.add_variable(
         parts.id(_PATH),
         QualifiedName(0, "HistoricalEventFilter"),

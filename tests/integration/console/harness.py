@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import ssl
 from collections.abc import AsyncGenerator, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -18,7 +19,10 @@ from ua_fleet.console.page import Page
 from ua_fleet.console.run import run_console
 from ua_fleet.console.settings import ConsoleSettings
 
-__all__ = ["ENGINEER", "OBSERVER", "OPERATOR", "Console", "Live", "console_at"]
+__all__ = ["ENGINEER", "NO_TLS", "OBSERVER", "OPERATOR", "Console", "Live", "console_at"]
+
+NO_TLS: Final = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+"""For clients of plain HTTP: it trusts nobody. Without it httpx reads 140 certificates for each client, 0.02 s."""
 
 PAGE: Final = "<!doctype html><title>console</title>"
 
@@ -36,7 +40,7 @@ class Console:
 
     def browser(self) -> httpx.AsyncClient:
         """A browser that keeps cookies, and says where its requests come from."""
-        return httpx.AsyncClient(base_url=self.url, headers={"origin": self.origin}, timeout=30)
+        return httpx.AsyncClient(base_url=self.url, headers={"origin": self.origin}, timeout=30, verify=NO_TLS)
 
     @asynccontextmanager
     async def logged_in(self, user: tuple[str, str] = OPERATOR, fleet: str = "hall") -> AsyncGenerator[Browser]:

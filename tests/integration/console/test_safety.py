@@ -16,7 +16,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from tests import system
-from tests.integration.console.harness import OPERATOR, Browser, Console, console_at
+from tests.integration.console.harness import NO_TLS, OPERATOR, Browser, Console, console_at
 from tests.integration.server_model.harness import Running
 from tests.waiting import until
 from ua_fleet.console.sessions import BrowserSession, BrowserSessions
@@ -33,7 +33,7 @@ async def drops(console: Console) -> dict[str, int]:
 
 @pytest.mark.parametrize("origin", [None, "null", "http://evil.example", "https://127.0.0.1", "http://127.0.0.1:1"])
 async def test_a_post_of_another_page_is_refused(console: Console, origin: str | None) -> None:
-    async with httpx.AsyncClient(base_url=console.url) as client:
+    async with httpx.AsyncClient(base_url=console.url, verify=NO_TLS) as client:
         headers = {"origin": origin} if origin else {}
         answer = await client.post("api/login", json=LOGIN, headers=headers)
         assert answer.status_code == 403
@@ -43,7 +43,7 @@ async def test_a_post_of_another_page_is_refused(console: Console, origin: str |
 
 @pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example:80", "", "localhost@evil.example"])
 async def test_another_host_is_refused_against_dns_rebinding(console: Console, host: str) -> None:
-    async with httpx.AsyncClient(base_url=console.url) as client:
+    async with httpx.AsyncClient(base_url=console.url, verify=NO_TLS) as client:
         answer = await client.get("api/fleets", headers={"host": host, "origin": f"http://{host}"})
         assert answer.status_code == 400
         with pytest.raises(InvalidStatus):
@@ -239,7 +239,7 @@ async def test_behind_a_proxy_the_browsers_view_counts(server: Running, tmp_path
     trusting = {"trusted_proxies": ["127.0.0.1"], "allowed_hosts": ["fleet.example"]}
     async with (
         console_at(tmp_path, {"hall": server.url}, **trusting) as console,
-        httpx.AsyncClient(base_url=console.url, headers=headers) as client,
+        httpx.AsyncClient(base_url=console.url, headers=headers, verify=NO_TLS) as client,
     ):
         answer = await client.post("api/login", json=LOGIN)
         assert answer.status_code == 200, answer.text
@@ -254,7 +254,7 @@ async def test_behind_a_proxy_the_browsers_view_counts(server: Running, tmp_path
         assert (await client.post("api/login", json=LOGIN, headers={"origin": console.origin})).status_code == 403
     async with (
         console_at(tmp_path, {"hall": server.url}, allowed_hosts=["fleet.example"]) as console,
-        httpx.AsyncClient(base_url=console.url, headers=headers) as client,
+        httpx.AsyncClient(base_url=console.url, headers=headers, verify=NO_TLS) as client,
     ):
         assert (await client.post("api/login", json=LOGIN)).status_code == 403, "nobody is trusted here"
 
@@ -301,7 +301,7 @@ async def test_each_line_of_a_forwarded_header_counts(server: Running, tmp_path:
 
         async def login(password: str, address: str) -> int:
             headers = [("origin", console.origin), ("x-forwarded-for", address), ("x-forwarded-for", "10.0.0.1")]
-            async with httpx.AsyncClient(base_url=console.url) as client:
+            async with httpx.AsyncClient(base_url=console.url, verify=NO_TLS) as client:
                 body = {**LOGIN, "password": password}
                 return (await client.post("api/login", json=body, headers=headers)).status_code
 

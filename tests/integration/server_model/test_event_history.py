@@ -182,6 +182,8 @@ async def test_the_nodes_say_so(udp_url: str, tcp_port: int, tmp_path: Path) -> 
     config = fleet_config(udp_url, tcp_port, robots=robots(), history={})
     async with serving(tmp_path, config) as running, running.client(ENGINEER) as client:
         assert await attribute_of(client.nodes.server, ua.AttributeIds.EventNotifier) == 1 | 4
+        state = client.get_node(ua.NodeId(ua.ObjectIds.Server_ServerStatus_State))
+        assert await attribute_of(state, ua.AttributeIds.AccessLevel) == 1, "it has no history"
         for name, value in (("AccessHistoryEventsCapability", True), ("MaxReturnEventValues", 1_000)):
             node = client.get_node(ua.NodeId(getattr(ua.ObjectIds, f"HistoryServerCapabilities_{name}")))
             assert await node.read_value() == value

@@ -47,6 +47,9 @@ CONFIG = FleetConfig.model_validate(
 PARTS = parts_of(plan(task("one", "a"), task("two", "b")), "run", "made", {}, "eva")
 
 
+def _record_nothing(_journal: object, _now: float) -> None: ...
+
+
 class Bridge:
     """Who carries runs in a bridge, on a loop that nobody waits for; its disk is real."""
 
@@ -60,7 +63,7 @@ class Bridge:
             Publisher(space, timing, Counters(), Codec()),
             self.subscriber,
             cast("Any", None),
-            cast("Any", SimpleNamespace(record_own_in=lambda _journal, _now: None)),
+            cast("Any", SimpleNamespace(record_own_in=_record_nothing)),
             Counters(),
             self.mistakes,
             self.loop,

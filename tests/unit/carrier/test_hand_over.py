@@ -6,7 +6,7 @@ Two bridges with their Actions, holders, engines and journals, on a network that
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -139,7 +139,7 @@ class Bridge:
         publisher = Publisher(self.space, timing, counters, Codec())
         subscriber = Subscriber(self.space, timing, counters, Codec())
         self.core = BridgeCore(
-            self.space, publisher, subscriber, counters, send=self._send_and_tell, publish=lambda *_: True
+            self.space, publisher, subscriber, counters, send=self._send_and_tell, publish=self.robot.publish
         )
         self.actions = self.core.actions = Actions(
             self.space,
@@ -286,7 +286,7 @@ class World:
 @contextmanager
 def world_in(
     folder: Path, now: float = 5.0, begun: Mapping[str, Sequence[bytes]] = MappingProxyType({})
-) -> Iterator[World]:
+) -> Generator[World]:
     world = World(folder, now, begun)
     try:
         yield world
@@ -323,7 +323,9 @@ def test_a_hand_over_costs_three_syncs_and_nothing_leaves_before_its_own(tmp_pat
 
 
 def test_a_robot_that_is_called_before_the_sync_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ExecutionJournals, "settle", lambda _self: None)
+    def unsettled(_journals: ExecutionJournals) -> None: ...
+
+    monkeypatch.setattr(ExecutionJournals, "settle", unsettled)
     assert "hall: robot called" in syncs_of_a_hand_over(tmp_path)[1]
 
 

@@ -50,6 +50,9 @@ PARTS = parts_of(plan(task("one", "a"), task("two", "b")), "run", "made", {}, "e
 def _hears_nothing(_events: object, _now: float) -> None: ...
 
 
+def _record_nothing(_journal: object, _now: float) -> None: ...
+
+
 class Bridge:
     """Who carries runs in a bridge, on a loop that nobody waits for; its disk is real."""
 
@@ -64,7 +67,7 @@ class Bridge:
             self.publisher,
             self.subscriber,
             cast("Any", SimpleNamespace(hear=_hears_nothing)),
-            cast("Any", SimpleNamespace(record_own_in=lambda _journal, _now: None)),
+            cast("Any", SimpleNamespace(record_own_in=_record_nothing)),
             Counters(),
             self.mistakes,
             self.loop,

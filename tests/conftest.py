@@ -49,6 +49,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--record-durations", action="store_true", help="write to tests/durations.txt what the files of tests take"
     )
+    parser.addoption("--computing", action="store_true", help="show the seconds that each file of tests computes")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -56,6 +57,16 @@ def pytest_configure(config: pytest.Config) -> None:
         from tests.schedule import DurationRecorder
 
         config.pluginmanager.register(DurationRecorder())
+    if not hasattr(config, "workerinput") and len(config.getoption("tx", ())) > 1:
+        from tests.forked_workers import ForkedWorkers
+
+        config.pluginmanager.register(ForkedWorkers())
+    if config.getoption("--computing"):
+        from tests import computing
+
+        config.pluginmanager.register(computing.ComputingMeter())
+        if not hasattr(config, "workerinput"):
+            config.pluginmanager.register(computing.ComputingTable())
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -1,5 +1,7 @@
 """Starts programs of tests as processes that have imported already what they need: `fork_server.py MODULE...`.
 
+Or, for the processes that run tests (`forked_workers`), the files of these: `fork_server.py --collect FILE...`.
+
 The socket on file descriptor 0 brings requests: what is run, its arguments, environment and folder as JSON, and with
 them four file descriptors: what the process reads, where it prints, where it complains, and where is told how it ends.
 Each is answered with the process id. What runs is the program, in a process and a group of its own; only its imports
@@ -27,6 +29,7 @@ from typing import Any
 from tests import forked_children
 
 REQUEST_BYTES = 1 << 17
+COLLECT = "--collect"
 
 
 def become(request: dict[str, Any], descriptors: list[int]) -> None:
@@ -52,6 +55,13 @@ def become(request: dict[str, Any], descriptors: list[int]) -> None:
     gc.enable()
 
 
+def computed_s(pid: int) -> float:
+    """Seconds that a process has computed that has ended and is not waited for yet, with its children."""
+    with open(f"/proc/{pid}/stat", encoding="ascii", errors="replace") as stat:
+        fields = stat.read().rpartition(")")[2].split()
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+
+
 def serve(requests: socket.socket) -> dict[str, Any] | None:
     """Start processes until the socket is closed; in such a process, what was asked for."""
     running: dict[int, tuple[int, int]] = {}
@@ -65,8 +75,9 @@ def serve(requests: socket.socket) -> dict[str, Any] | None:
                 pid, told = running.pop(found)
                 how = os.waitid(os.P_PIDFD, found, os.WEXITED | os.WNOWAIT)
                 assert how is not None
+                code = how.si_status if how.si_code == os.CLD_EXITED else -how.si_status
                 with contextlib.suppress(BrokenPipeError):
-                    os.write(told, str(how.si_status if how.si_code == os.CLD_EXITED else -how.si_status).encode())
+                    os.write(told, f"{code} {computed_s(pid):.2f}".encode())
                 ended[told] = pid
             elif found in ended:
                 os.waitpid(ended.pop(found), 0)
@@ -85,8 +96,9 @@ def serve(requests: socket.socket) -> dict[str, Any] | None:
             requests.detach()  # closed with all the others
             become(request, streams)
             return request
-        with contextlib.suppress(OSError):  # it has done so itself, or is gone
-            os.setpgid(pid, pid)
+        if request.get("has_session") is None:
+            with contextlib.suppress(OSError):  # it has done so itself, or is gone
+                os.setpgid(pid, pid)
         for stream in streams:
             os.close(stream)
         running[os.pidfd_open(pid)] = pid, told
@@ -103,6 +115,27 @@ def prepare(modules: list[str]) -> None:
         importlib.import_module("typer.main").get_command(command_line.app)
     if "ua_fleet.server.app" in sys.modules:
         importlib.import_module("tests.standard_space").make_for_one()
+
+
+class Unfinished:
+    """Has what ended in the middle of its import, by an error or a skip, be imported anew by who runs the tests."""
+
+    def pytest_collectreport(self, report: Any) -> None:
+        """A file has been collected."""
+        for name, module in list(sys.modules.items()) if not report.passed else ():
+            if (getattr(module, "__file__", None) or "").endswith(f"/{report.nodeid}"):
+                del sys.modules[name]
+
+
+def collect(arguments: list[str]) -> None:
+    """Import all files of tests, with their assertions rewritten; those that fail are left to who runs the tests."""
+    without = ("cacheprovider", "rerunfailures", "xdist")  # they write a file, have a thread, and start processes
+    unused = [word for plugin in without for word in ("-p", f"no:{plugin}")]
+    importlib.import_module("pytest").main([*arguments, "--collect-only", "-qq", *unused], [Unfinished()])
+
+
+def await_one_thread() -> None:
+    """Wait until no other thread is left, since what is forked off has one alone."""
     end = time.monotonic() + 60
     while (threads := len(os.listdir("/proc/self/task"))) > 1:  # one that has done its work is there a moment longer
         assert time.monotonic() < end, f"{threads} threads: a process that is forked off has one alone"
@@ -132,7 +165,11 @@ def run(request: dict[str, Any]) -> None:
 
 if __name__ == "__main__":
     gc.disable()
-    prepare(sys.argv[1:])
+    if sys.argv[1] == COLLECT:
+        collect(sys.argv[2:])
+    else:
+        prepare(sys.argv[1:])
+    await_one_thread()
     gc.collect()
     gc.freeze()
     with socket.socket(fileno=os.dup(0)) as channel:

@@ -25,9 +25,10 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Final, NamedTuple
 
-__all__ = ["Command", "ForkedProcess", "command_of"]
+__all__ = ["Command", "ForkServer", "ForkedProcess", "command_of", "computed_s"]
 
 _lock: Final = threading.Lock()
+_computed_s: Final[list[float]] = []
 _SERVER: Final = Path(__file__).with_name("fork_server.py")
 _ROOT: Final = Path(__file__).resolve().parent.parent
 _COMMANDS: Final = {
@@ -78,6 +79,7 @@ class ForkedProcess:
         reads: bool = False,
         complains: bool = False,
         folder: Path | None = None,
+        server: ForkServer | None = None,
     ) -> None:
         """Fork it.
 
@@ -87,6 +89,7 @@ class ForkedProcess:
             reads: what is written to `stdin`; else nothing.
             complains: to `stderr`; else to `stdout`, with all that it says.
             folder: where it works; else where this process does.
+            server: what it is forked off; it stays in this one's group, with its stderr. Else one that has the product.
         """
         output, printed = os.pipe()
         self.stdin: TextIOWrapper | None = None
@@ -100,7 +103,7 @@ class ForkedProcess:
             complaints, complained = os.pipe()
             self.stderr = TextIOWrapper(open(complaints, "rb"), errors="replace")  # noqa: SIM115 - as stdout
         else:
-            complained = os.dup(printed)
+            complained = os.dup(printed if server is None else 2)
         self._ended, told = socket.socketpair()
         request = {
             "program": command.program,
@@ -108,15 +111,23 @@ class ForkedProcess:
             "arguments": command.arguments,
             "environment": dict(environment),
             "folder": str(folder or Path.cwd()),
+            "has_session": None if server is None else False,
         }
-        with _lock:
-            server = _server(command.python)
-            self.pid: Final = server.fork(request, [given, printed, complained, told.fileno()])
-        for descriptor in (given, printed, complained):
-            os.close(descriptor)
-        told.close()
         self.returncode: int | None = None
         self.stdout: Final = TextIOWrapper(open(output, "rb"), errors="replace")  # noqa: SIM115 - its reader closes it
+        try:
+            with _lock:
+                server = server or _server(command.python)
+                self.pid: Final = server.fork(request, [given, printed, complained, told.fileno()])
+        except RuntimeError:
+            for held in (self.stdin, self.stdout, self.stderr, self._ended):
+                if held is not None:
+                    held.close()
+            raise
+        finally:
+            for descriptor in (given, printed, complained):
+                os.close(descriptor)
+            told.close()
 
     def poll(self) -> int | None:
         """How it ended; None while it runs."""
@@ -163,9 +174,11 @@ class ForkedProcess:
 
     def _look(self, timeout_s: float | None) -> int | None:
         if self.returncode is None and select.select([self._ended], [], [], timeout_s)[0]:
-            said = self._ended.recv(32)
+            said = self._ended.recv(64).split()
             self._ended.close()
-            self.returncode = int(said) if said else -signal.SIGKILL  # what starts processes is gone itself
+            self.returncode = int(said[0]) if said else -signal.SIGKILL  # what starts processes is gone itself
+            if said:
+                _computed_s.append(float(said[1]))
         return self.returncode
 
 
@@ -188,10 +201,16 @@ def command_of(words: Sequence[str | Path]) -> Command | None:
     return Command(python, rest[0], False, rest[1:]) if rest[0].endswith(".py") else None
 
 
-class _Server:
+def computed_s() -> float:
+    """Seconds that processes have computed which were forked off and of whose ends this process knows."""
+    return sum(_computed_s)
+
+
+class ForkServer:
     """The process that has imported everything."""
 
-    def __init__(self, python: str) -> None:
+    def __init__(self, python: str, *arguments: str) -> None:
+        """Start it with arguments of `fork_server`."""
         self._ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         environment = {
             name: value
@@ -202,11 +221,11 @@ class _Server:
         self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 - read at its end
         with its:
             self._process = subprocess.Popen(
-                [python, "-u", _SERVER, *_IMPORTED],
+                [python, "-u", _SERVER, *arguments],
                 stdin=its.fileno(),
                 stdout=subprocess.DEVNULL,
                 stderr=self._complaints,
-                env=environment | {"PYTHONPATH": path},
+                env=environment | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},  # numpy's threads are not forked
             )
 
     def fork(self, request: Mapping[str, object], descriptors: Sequence[int]) -> int:
@@ -230,8 +249,8 @@ class _Server:
 
 
 @functools.cache
-def _server(python: str) -> _Server:
+def _server(python: str) -> ForkServer:
     """One of each Python for each process of tests."""
-    server = _Server(python)
+    server = ForkServer(python, *_IMPORTED)
     atexit.register(server.end)
     return server

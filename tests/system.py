@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import importlib.util
-import itertools
 import os
 import random
 import shutil
@@ -186,13 +185,14 @@ def missing(part: str) -> str | None:
 
 _PORTS = range(20_000, 32_768)
 """Below what the system gives outgoing connections: one of these could take a port before the test listens on it."""
-_next_port = itertools.count(random.randrange(len(_PORTS)))
+_last_port = [random.choice(_PORTS)]
+os.register_at_fork(after_in_child=lambda: _last_port.append(random.choice(_PORTS)))  # else all forks try the same
 
 
 def free_tcp_port() -> int:
     """A port of loopback that nobody listens on; another one each time."""
-    for number in itertools.islice(_next_port, len(_PORTS)):
-        port = _PORTS[number % len(_PORTS)]
+    for _ in _PORTS:
+        port = _last_port[-1] = _PORTS[(_PORTS.index(_last_port[-1]) + 1) % len(_PORTS)]
         with socket.socket() as probe, contextlib.suppress(OSError):
             probe.bind(("127.0.0.1", port))
             return port

@@ -237,9 +237,7 @@ class TrustList:
             make_private_folder(path)
         for path in (state_dir, folder, *deciding):
             if problem := open_to_others(path):
-                raise ServerStartError(
-                    f"{problem} (any user who can write there decides which certificates are trusted)"
-                )
+                raise ServerStartError(f"{problem} (any user with write access decides who is trusted)")
 
     @property
     def trusts_all(self) -> bool:

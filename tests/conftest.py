@@ -57,7 +57,7 @@ def pytest_configure(config: pytest.Config) -> None:
         from tests.schedule import DurationRecorder
 
         config.pluginmanager.register(DurationRecorder())
-    if not hasattr(config, "workerinput") and len(config.getoption("tx", ())) > 1:
+    if not hasattr(config, "workerinput") and len(config.getoption("tx", None) or ()) > 1:
         from tests.forked_workers import ForkedWorkers
 
         config.pluginmanager.register(ForkedWorkers())

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
-from execnet import gateway_io
-from execnet.gateway_base import Popen2IO
+from execnet import gateway_base, gateway_io
 
 from tests.fork_server import COLLECT
 from tests.forking import Command, ForkedProcess, ForkServer
@@ -23,23 +22,8 @@ __all__ = ["ForkedWorkers"]
 
 _PROGRAM: Final = str(Path(__file__).with_name("execnet_bootstrap.py"))
 _gateway_io: Final[Any] = gateway_io
+_gateway_base: Final[Any] = gateway_base
 _create_io: Final = _gateway_io.create_io
-
-
-class _ForkedIO(Popen2IO):
-    """What execnet speaks by with a process, as with one that it has started itself."""
-
-    def __init__(self, process: ForkedProcess, execmodel: Any) -> None:
-        super().__init__(process.stdin, process.stdout, execmodel)
-        self._process = process
-
-    def wait(self) -> int:
-        """Wait for its end."""
-        return self._process.wait()
-
-    def kill(self) -> None:
-        """End it."""
-        self._process.kill()
 
 
 class ForkedWorkers:
@@ -69,4 +53,7 @@ class ForkedWorkers:
         if self._server is None:
             self._server = ForkServer(sys.executable, COLLECT, *self._files)
         command = Command(sys.executable, _PROGRAM, False, [])
-        return _ForkedIO(ForkedProcess(command, os.environ, reads=True, server=self._server), execmodel)
+        process = ForkedProcess(command, os.environ, reads=True, server=self._server)
+        io = _gateway_base.Popen2IO(process.stdin, process.stdout, execmodel)
+        io.wait, io.kill = process.wait, process.kill  # execnet ends it as a process that it has started itself
+        return io

@@ -20,21 +20,26 @@ class OneTimer:
         self._loop, self._ring = loop, ring
         self._handle: asyncio.TimerHandle | None = None
         self._not_before = -math.inf
+        self._is_over = False
 
     def set(self, at: float) -> None:
         """Ring at `at`, in seconds of the loop's clock, unless it rings before that; infinity: leave it as it is."""
         at = max(at, self._not_before)
-        if at == math.inf or (self._handle is not None and self._handle.when() <= at):
+        if self._is_over or at == math.inf or (self._handle is not None and self._handle.when() <= at):
             return
-        self.cancel()
+        self._cancel()
         self._handle = self._loop.call_at(at, self._rings)
 
     def pause(self, until: float) -> None:
         """What was due has failed, and stays due: do not ring before `until`, and not all the time."""
         self._not_before = until
 
-    def cancel(self) -> None:
-        """Do not ring, until it is set again."""
+    def end(self) -> None:
+        """Never ring again, whatever still comes from sockets and threads while all is being closed."""
+        self._is_over = True
+        self._cancel()
+
+    def _cancel(self) -> None:
         if self._handle is not None:
             self._handle.cancel()
             self._handle = None

@@ -53,9 +53,15 @@ async def test_what_has_failed_waits() -> None:
     assert await bench.until(0.03) == ["before", "rings"]
 
 
-async def test_it_is_silent_without_a_deadline_and_when_it_is_cancelled() -> None:
+async def test_it_is_silent_without_a_deadline() -> None:
     bench = Bench()
     bench.timer.set(math.inf)
+    assert await bench.until(0.01) == []
+
+
+async def test_it_never_rings_after_its_end() -> None:
+    bench = Bench()
     bench.timer.set(bench.now + 0.01)
-    bench.timer.cancel()
+    bench.timer.end()
+    bench.timer.set(bench.now)
     assert await bench.until(0.02) == []

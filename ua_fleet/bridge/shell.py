@@ -78,7 +78,7 @@ class BridgeShell:
         self._core.end()
         self._inlet.close()
         self.parts.sender.close()
-        self._timer.cancel()
+        self._timer.end()
 
     def receive(self, datagram: bytes, sender: Address, *, is_fresh: bool = True, connection: int = 0) -> None:
         """Take a datagram from a transport, or what its broker had kept."""

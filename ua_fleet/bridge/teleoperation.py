@@ -159,7 +159,7 @@ class BridgeTeleoperation:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(max(each.model.stop_s for each in self._controls.values()) + _STOP_PATIENCE_S):
                 await self._at_rest.wait()
-        self._timer.cancel()
+        self._timer.end()
 
     def driven_by(self, robot: str) -> str:
         """Why a robot does no skill now, since it is driven by hand; empty where it may."""

@@ -265,8 +265,10 @@ async def keep_keys(
     task = asyncio.current_task()
     assert task is not None
     while True:
-        await keeper.fetch_what_is_due(clock)
-        kept.round_over()
+        try:
+            await keeper.fetch_what_is_due(clock)
+        finally:
+            kept.round_over()  # also after a mistake: who has its own key by now must not wait for ever
         if task.cancelling():
             # A connection that fails in the moment of the cancellation swallows it (asyncio.wait_for before 3.12).
             raise asyncio.CancelledError

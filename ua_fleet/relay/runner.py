@@ -103,7 +103,7 @@ class _Shell:
 
     def end(self) -> None:
         """Forward nothing any more."""
-        self._timer.cancel()
+        self._timer.end()
 
     def _receive(self, datagram: bytes, sender: Address, *, connection: int, is_fresh: bool = True) -> None:
         try:

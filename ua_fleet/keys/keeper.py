@@ -9,6 +9,7 @@ KeyLifetime: a source that is back gives everybody half of one to fetch a new ke
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
@@ -33,6 +34,9 @@ LONGEST_DELAY_AT_START_S: Final = 5.0
 LONGEST_ANSWERED_DELAY_S: Final = 60.0
 """Between two fetches of a group that the source has nothing new of, though it is wanted: an unknown token that
 anybody can write into a message must not make us ask all the time. What is new meanwhile comes by `generation`."""
+
+OTHERS_S: Final = 2.0
+"""Who begins with its own key waits so long for those of others, which the source may be slow with."""
 
 _MOST_TOLD: Final = 64
 """Reasons that the log names before it names them again, and refused groups that it names in `_TOLD_PERIOD_S`: who
@@ -73,7 +77,7 @@ class KeysKept:
         """Groups that the source gives nothing of, each with the reason."""
         self.groups: set[str] = set()
         """Groups whose keys were fetched at least once."""
-        self._news = asyncio.Event()
+        self._news, self._round_over = asyncio.Event(), asyncio.Event()
 
     def problem(self) -> str:
         """One line for a status; empty where there is nothing to say."""
@@ -83,14 +87,17 @@ class KeysKept:
 
     def arrived(self, group_id: str) -> None:
         """Keys of a group were fetched."""
-        self.groups.add(group_id)
+        if group_id not in self.groups:
+            self.groups.add(group_id)
+            self._round_over.clear()
+            self._news.set()
 
     def round_over(self) -> None:
         """The source was asked for all that is due, as far as it answers."""
-        self._news.set()
+        self._round_over.set()
 
     async def wait_for(self, group_ids: Iterable[str]) -> None:
-        """Wait until keys of all these groups were fetched, and the source was asked for those of the others too.
+        """Wait until keys of all these groups were fetched, and for a moment until the others were asked for too.
 
         So who begins then does not drop what it hears first, retained metadata above all. For one waiter at a time.
         """
@@ -98,6 +105,9 @@ class KeysKept:
         while not wanted <= self.groups:
             self._news.clear()
             await self._news.wait()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(OTHERS_S):
+                await self._round_over.wait()
 
 
 @dataclass(slots=True)
@@ -265,10 +275,8 @@ async def keep_keys(
     task = asyncio.current_task()
     assert task is not None
     while True:
-        try:
-            await keeper.fetch_what_is_due(clock)
-        finally:
-            kept.round_over()  # also after a mistake: who has its own key by now must not wait for ever
+        await keeper.fetch_what_is_due(clock)
+        kept.round_over()
         if task.cancelling():
             # A connection that fails in the moment of the cancellation swallows it (asyncio.wait_for before 3.12).
             raise asyncio.CancelledError

@@ -103,6 +103,9 @@ def read_processed(series: Series, read: ProcessedRead, first: int, most: int) -
         if read.aggregate in NEEDS_NUMBERS and not has_numbers(within):
             return Failure(is_too_much=False)
         points = window(series, within, low, high, read.settings)
+        # The bounds of a TimeAverage are values, too, also where none is within.
+        if read.aggregate is Aggregate.TIME_AVERAGE and not has_numbers(points.rows):
+            return Failure(is_too_much=False)
         made = [calculate(read.aggregate, points, one, extent) for one in rest]
         rows += made
         held += sum(value_bytes(row.value) for row in made)

@@ -104,6 +104,14 @@ def test_numbers_are_not_made_of_texts_and_flags() -> None:
         assert (page == Failure(is_too_much=False)) == refused
 
 
+@pytest.mark.parametrize(("kind", "value"), [(12, "full"), (1, True), (0x8B, (1.0, 2.0))])
+def test_no_average_is_made_of_texts_and_flags_around_an_interval(kind: int, value: object) -> None:
+    series = ListSeries([Row(NOON + second * S, 0, kind, value) for second in (1, 10_000)])
+    for start, end in ((2, 5), (5, 2), (10_001, 10_005)):
+        read = ProcessedRead(NOON + start * S, NOON + end * S, 0, Aggregate.TIME_AVERAGE, SETTING)
+        assert read_processed(series, read, 0, 10) == Failure(is_too_much=False)
+
+
 def test_an_interval_of_too_many_values_is_refused_and_a_page_of_them_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ua_fleet.history.processed.PIECE_ROWS", 3)
     monkeypatch.setattr("ua_fleet.history.processed.MOST_ROWS", 10)

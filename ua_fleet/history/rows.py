@@ -6,7 +6,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from enum import IntFlag
 from itertools import islice
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol, cast
 
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType
 from ua_fleet.wire.builtin import FIXED
@@ -84,10 +84,11 @@ def value_bytes(value: Any) -> int:
     if isinstance(value, str):
         return 4 * len(value)
     if isinstance(value, tuple | list):
-        # An array has elements of one type: a million numbers are not looked at one by one. A named tuple is none.
-        if value and type(value) in _ARRAYS and isinstance(value[0], int | float):  # pyright: ignore[reportUnknownMemberType]
-            return _ELEMENT_BYTES * len(value)  # pyright: ignore[reportUnknownArgumentType]
-        return sum(_ELEMENT_BYTES + value_bytes(each) for each in value)  # pyright: ignore[reportUnknownVariableType]
+        elements = cast("Sequence[Any]", value)
+        # An array has elements of one type: a million numbers are not looked at one by one. A named tuple is no array.
+        if elements and type(elements) in _ARRAYS and isinstance(elements[0], int | float):
+            return _ELEMENT_BYTES * len(elements)
+        return sum(_ELEMENT_BYTES + value_bytes(each) for each in elements)
     return 0
 
 

@@ -154,7 +154,7 @@ class SqliteHistory:
                 return False
             self._next_round = now + ROUND
             self._aged = list(self._ids)
-            # Once more, and last, those whose compaction has failed; in between there was time for the age of the others.
+            # Once more, after the others, those whose compaction has failed; in between there was time for ages.
             waiting = set(self._large)
             failed = [number for number in self._counts if self._has_many(number) and number not in waiting]
             self._large = failed + self._large

@@ -32,7 +32,7 @@ from ua_fleet.storage.postgres_tables import (
     add_day,
     used_bytes,
 )
-from ua_fleet.values import TICKS_PER_SECOND, NodeId
+from ua_fleet.values import NodeId
 
 __all__ = ["SCHEMA", "PostgresHistory"]
 
@@ -191,7 +191,7 @@ class PostgresHistory:
             kept = {key: days_of(key) for key in self._ids}
             longest = max(kept.values(), default=0.0)
             self._aged = [key for key, days in kept.items() if days < longest]
-            # Once more, and last, those whose compaction has failed; in between there was time for the age of the others.
+            # Once more, after the others, those whose compaction has failed; in between there was time for ages.
             waiting = set(self._large)
             self._large = [number for number in self._with_many() if number not in waiting] + self._large
             if kept:

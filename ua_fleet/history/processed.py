@@ -11,8 +11,8 @@ from typing import Final, NamedTuple
 
 from ua_fleet.history.aggregates import NEEDS_NO_VALUES, NEEDS_NUMBERS, Aggregate, Interval, calculate, has_numbers
 from ua_fleet.history.bounds import Settings
-from ua_fleet.history.rows import TICKS_PER_MS, Row, Series
-from ua_fleet.history.window import MOST_ROWS, extent_of, piece, window
+from ua_fleet.history.rows import MOST_READ_BYTES, TICKS_PER_MS, Row, Series, value_bytes
+from ua_fleet.history.window import MOST_CUTS, MOST_ROWS, extent_of, piece, window
 
 __all__ = ["Failure", "ProcessedPage", "ProcessedRead", "read_processed"]
 
@@ -72,7 +72,7 @@ def read_processed(series: Series, read: ProcessedRead, first: int, most: int) -
     """A page of a request.
 
     It is calculated piece by piece: a day of rows takes long to make and to free, and others of this process would wait
-    for it.
+    for it. A page ends early where values are large, by what was read for it and by what it holds.
 
     Args:
         series: of the node.
@@ -84,14 +84,15 @@ def read_processed(series: Series, read: ProcessedRead, first: int, most: int) -
     intervals = [read.interval(number) for number in range(first, min(first + most, read.count))]
     extent = extent_of(series)
     rows: list[Row] = []
-    looked, room = 0, PIECE_ROWS
-    while len(rows) < len(intervals) and looked < MOST_ROWS:
+    looked, cuts, held, room = 0, 0, 0, PIECE_ROWS
+    while len(rows) < len(intervals) and looked < MOST_ROWS and cuts < MOST_CUTS and held < MOST_READ_BYTES:
         rest = intervals[len(rows) :]
         found = piece(series, *_stretch(rest), room, backward=backward, with_values=with_values)
+        cuts += found.cuts
         if found.reaches is not None:
             rest = _whole(rest, found.reaches, backward=backward)
         if not rest:
-            if not found.is_large and room < MOST_ROWS:
+            if not found.is_large and room < MOST_ROWS and cuts < MOST_CUTS:
                 room = min(4 * room, MOST_ROWS)
                 continue
             if rows:
@@ -102,7 +103,12 @@ def read_processed(series: Series, read: ProcessedRead, first: int, most: int) -
         if read.aggregate in NEEDS_NUMBERS and not has_numbers(within):
             return Failure(is_too_much=False)
         points = window(series, within, low, high, read.settings)
-        rows += [calculate(read.aggregate, points, one, extent) for one in rest]
+        # The bounds of a TimeAverage are values, too, also where none is within.
+        if read.aggregate is Aggregate.TIME_AVERAGE and not has_numbers(points.rows):
+            return Failure(is_too_much=False)
+        made = [calculate(read.aggregate, points, one, extent) for one in rest]
+        rows += made
+        held += sum(value_bytes(row.value) for row in made)
         looked += len(points.rows)
     following = first + len(rows)
     return ProcessedPage(rows, following if following < read.count else None)

@@ -6,7 +6,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from enum import IntFlag
 from itertools import islice
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol, cast
 
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType
 from ua_fleet.wire.builtin import FIXED
@@ -47,6 +47,7 @@ MOST_READ_BYTES: Final = 64_000_000
 """What values that are read at once take in memory, beside those of a fixed size."""
 _ELEMENT_BYTES: Final = 40
 """Of an element of an array."""
+_ARRAYS: Final = (tuple, list)
 
 _IS_DATA_VALUE: Final = 0x0400
 """InfoType DataValue: the bits below say something (OPC 10000-4 7.38.1)."""
@@ -83,7 +84,11 @@ def value_bytes(value: Any) -> int:
     if isinstance(value, str):
         return 4 * len(value)
     if isinstance(value, tuple | list):
-        return sum(_ELEMENT_BYTES + value_bytes(each) for each in value)  # pyright: ignore[reportUnknownVariableType]
+        elements = cast("Sequence[Any]", value)
+        # An array has elements of one type: a million numbers are not looked at one by one. A named tuple is no array.
+        if elements and type(elements) in _ARRAYS and isinstance(elements[0], int | float):
+            return _ELEMENT_BYTES * len(elements)
+        return sum(_ELEMENT_BYTES + value_bytes(each) for each in elements)
     return 0
 
 
@@ -119,9 +124,9 @@ class Rows(list[Row]):
             self.append(row)
             if row.type not in FIXED:
                 self._left -= value_bytes(row.value)
-                if self._left <= 0 and len(self) > 1:
-                    self.is_cut = True
-                    return
+            if self._left <= 0 and len(self) > 1:
+                self.is_cut = True
+                return
 
     def take_numbers(self, rows: Sequence[Row]) -> None:
         """Add rows whose values have a fixed size, or that have none."""

@@ -10,10 +10,13 @@ from ua_fleet.history.rows import BAD_NO_DATA, EARLIEST, LATEST, Row, Series
 from ua_fleet.values import Quality
 from ua_fleet.wire.builtin import FIXED
 
-__all__ = ["MOST_ROWS", "Extent", "Piece", "extent_of", "piece", "window"]
+__all__ = ["MOST_CUTS", "MOST_ROWS", "Extent", "Piece", "extent_of", "piece", "window"]
 
 MOST_ROWS: Final = 200_000
 """Of one interval, and of a page but for its last piece: 40 MB, for a moment."""
+MOST_CUTS: Final = 8
+"""How often the bytes of values are too many to be read at once, in one piece and in one page: after 512 MB others of
+the store have their turn."""
 SEARCHED: Final = 1_000
 """Rows in which a usable one is looked for beyond the stretch (OPC 10000-13 3.1.8 leaves it to the server)."""
 
@@ -35,6 +38,8 @@ class Piece(NamedTuple):
     they are all of the stretch."""
     is_large: bool
     """Whether their bytes are why there are no more."""
+    cuts: int
+    """How often their bytes were too many to be read at once."""
 
 
 def extent_of(series: Series) -> Extent | None:
@@ -47,22 +52,25 @@ def extent_of(series: Series) -> Extent | None:
 def piece(series: Series, low: int, high: int, most: int, *, backward: bool, with_values: bool) -> Piece:
     """At most so many rows of the stretch from `low` to `high`, the latest ones where it is gone through backward.
 
-    Without values those of a fixed size come with it all the same, and no number of rows has too many bytes.
+    Without values those of a fixed size come with it all the same, and what is read is `MOST_CUTS` times as much.
     """
     found: list[Row] = []
+    cuts = 0
     while True:
         part = series.between(low, high, most + 1 - len(found), backward=backward)
         found += part if with_values else map(_without_value, part)
         is_large = part.is_cut and len(found) <= most
-        if with_values or not is_large:
+        cuts += part.is_cut
+        if with_values or not is_large or cuts >= MOST_CUTS:
             break
-        low, high = (low, part[-1].time - 1) if backward else (part[-1].time + 1, high)
+        del part  # its values, before the next ones come
+        low, high = (low, found[-1].time - 1) if backward else (found[-1].time + 1, high)
     reaches: int | None = None
     if is_large:
         reaches = found[-1].time
     elif len(found) > most:
         reaches = found.pop().time + (1 if backward else -1)
-    return Piece(found[::-1] if backward else found, reaches, is_large)
+    return Piece(found[::-1] if backward else found, reaches, is_large, cuts)
 
 
 def _without_value(row: Row) -> Row:

@@ -10,13 +10,18 @@ from typing import Final, NamedTuple
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.history.blocks import decode_block, has_fixed_size
 from ua_fleet.history.rows import Row, Rows, value_bytes
+from ua_fleet.values import TICKS_PER_SECOND
 
-__all__ = ["BLOCK_BYTES", "BLOCK_ROWS", "BROKEN", "DecodedBlocks"]
+__all__ = ["BLOCK_BYTES", "BLOCK_ROWS", "BROKEN", "OVERDUE", "ROUND", "DecodedBlocks"]
 
 BLOCK_ROWS: Final = 1_000
 """Of one block."""
 BLOCK_BYTES: Final = 1_000_000
 """What the values of a block take in memory; the row with which they take more is its last one."""
+ROUND: Final = 60 * TICKS_PER_SECOND
+"""From one removal of what is too old or too much to the next."""
+OVERDUE: Final = ROUND
+"""So long a removal waits for compaction, which may make it needless; then it goes first."""
 BROKEN: Final = (RemoteWireError, zlib.error, struct.error, ValueError, KeyError, IndexError)
 """What is raised for rows and blocks that are broken."""
 _MOST: Final = 16

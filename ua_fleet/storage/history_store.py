@@ -18,7 +18,7 @@ from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import EARLIEST, LATEST, MOST_READ_BYTES, Rows
 from ua_fleet.history.store import BOUNDED, BOUNDED_PART, cut_of, node_of, node_text, over_limit_text
 from ua_fleet.storage.database import Database, Run, Statement
-from ua_fleet.storage.decoded_blocks import BLOCK_BYTES, BLOCK_ROWS, BROKEN, DecodedBlocks
+from ua_fleet.storage.decoded_blocks import BLOCK_BYTES, BLOCK_ROWS, BROKEN, OVERDUE, ROUND, DecodedBlocks
 from ua_fleet.values import TICKS_PER_SECOND, NodeId
 
 __all__ = ["HISTORY_FILE", "SqliteHistory"]
@@ -141,7 +141,8 @@ class SqliteHistory:
 
     def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
         """Compact a node, or look at the age of some."""
-        if self._large:
+        self._next_round = self._next_round or now
+        if self._large and not (self._aged or now >= self._next_round + OVERDUE):
             number = self._large.pop()
             if self._has_many(number):
                 self._compact(number)
@@ -151,17 +152,19 @@ class SqliteHistory:
         if not self._aged:
             if now < self._next_round:
                 return False
-            self._next_round = now + 60 * TICKS_PER_SECOND
+            self._next_round = now + ROUND
             self._aged = list(self._ids)
-            # Once more those whose compaction has failed; in between there was time for the age of the others.
-            self._large = [number for number, count in self._counts.items() if count >= 2 * BLOCK_ROWS]
+            # Once more, after the others, those whose compaction has failed; in between there was time for ages.
+            waiting = set(self._large)
+            failed = [number for number in self._counts if self._has_many(number) and number not in waiting]
+            self._large = failed + self._large
             self._cut_bounded(most_bytes // BOUNDED_PART)
             self._remove_most(now, most_bytes)
             self._database.read(f"PRAGMA incremental_vacuum({_FREED_PAGES})")
-            return bool(self._aged)
+            return bool(self._aged or self._large)
         some, self._aged = self._aged[:_SLICE], self._aged[_SLICE:]
         self._remove_old({self._ids[key]: now - int(days_of(key) * _DAY) for key in some})
-        return bool(self._aged)
+        return bool(self._aged or self._large)
 
     def close(self) -> None:
         """Give the file free."""

@@ -16,7 +16,7 @@ from ua_fleet.history.blocks import decode_value, encode_block, encode_value
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import EARLIEST, LATEST, MOST_READ_BYTES, Rows
 from ua_fleet.history.store import BOUNDED, BOUNDED_PART, cut_of, node_of, node_text, over_limit_text
-from ua_fleet.storage.decoded_blocks import BLOCK_BYTES, BLOCK_ROWS, BROKEN, DecodedBlocks
+from ua_fleet.storage.decoded_blocks import BLOCK_BYTES, BLOCK_ROWS, BROKEN, OVERDUE, ROUND, DecodedBlocks
 from ua_fleet.storage.postgres import TENDING_S, Connection, PostgresDatabase
 from ua_fleet.storage.postgres_tables import (
     BLOCKS,
@@ -32,7 +32,7 @@ from ua_fleet.storage.postgres_tables import (
     add_day,
     used_bytes,
 )
-from ua_fleet.values import TICKS_PER_SECOND, NodeId
+from ua_fleet.values import NodeId
 
 __all__ = ["SCHEMA", "PostgresHistory"]
 
@@ -176,7 +176,8 @@ class PostgresHistory:
     async def _tend(
         self, connection: Connection, now: int, days_of: Callable[[NodeId], float], most_bytes: int
     ) -> bool:
-        if self._large:
+        self._next_round = self._next_round or now
+        if self._large and not (self._aged or now >= self._next_round + OVERDUE):
             number = self._large.pop()
             if self._has_many(number):
                 await self._compact(connection, number)
@@ -186,21 +187,22 @@ class PostgresHistory:
         if not self._aged:
             if now < self._next_round:
                 return False
-            self._next_round = now + 60 * TICKS_PER_SECOND
+            self._next_round = now + ROUND
             kept = {key: days_of(key) for key in self._ids}
             longest = max(kept.values(), default=0.0)
             self._aged = [key for key, days in kept.items() if days < longest]
-            # Once more those whose compaction has failed; in between there was time for the age of the others.
-            self._large = self._with_many()
+            # Once more, after the others, those whose compaction has failed; in between there was time for ages.
+            waiting = set(self._large)
+            self._large = [number for number in self._with_many() if number not in waiting] + self._large
             if kept:
                 await self._drop_old(connection, now - int(longest * DAY))
             await self._vacuum(connection)
             await self._cut_bounded(connection, most_bytes // BOUNDED_PART)
             await self._remove_most(connection, now, most_bytes)
-            return bool(self._aged)
+            return bool(self._aged or self._large)
         some, self._aged = self._aged[:_SLICE], self._aged[_SLICE:]
         await self._remove_old(connection, {self._ids[key]: now - int(days_of(key) * DAY) for key in some})
-        return bool(self._aged)
+        return bool(self._aged or self._large)
 
     async def _compact(self, connection: Connection, number: int) -> None:
         """Make a block of the oldest rows of a node, in one commit."""

@@ -336,3 +336,22 @@ def test_events_come_back_in_pages(opened: Open) -> None:
                 for earlier, later in zip(found, sorted(found, reverse=end < start), strict=True)
             )
         assert set(store.last_times()) == {EVENTS, AUDIT_EVENTS}
+
+
+def test_what_is_too_old_goes_while_a_node_is_compacted(store: HistoryStore) -> None:
+    """Rows of a megabyte make a block for each two of them: a minute after its time the removal goes first."""
+    large = bytes(1_000_000)
+    store.write(
+        [
+            (OTHER, row(-10 * DAY / S)),
+            *((KEY, row(at, large[: 10**6 if at < 12 else 1], BYTES)) for at in range(2_011)),
+        ],
+        NOW,
+    )
+    late = NOW + 2 * 60 * S
+    assert store.tend(NOW, lambda _key: 5, HUGE)
+    for _ in range(2):
+        assert store.tend(late, lambda key: 5 if key == OTHER else 100, HUGE)
+    assert not all_of(store, OTHER)
+    assert len(all_of(store, KEY)) == 2_011
+    assert store.tend(late, lambda _key: 100, HUGE)  # the compaction goes on

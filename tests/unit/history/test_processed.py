@@ -15,7 +15,7 @@ from ua_fleet.history.at_times import read_at_times
 from ua_fleet.history.blocks import encode_rows
 from ua_fleet.history.bounds import Settings
 from ua_fleet.history.processed import Failure, ProcessedPage, ProcessedRead, read_processed
-from ua_fleet.history.rows import BAD_DATA_LOST, ListSeries, Row, Series
+from ua_fleet.history.rows import BAD_DATA_LOST, MOST_READ_BYTES, ListSeries, Row, Rows, Series
 from ua_fleet.values import TICKS_PER_SECOND
 
 S = TICKS_PER_SECOND
@@ -104,6 +104,14 @@ def test_numbers_are_not_made_of_texts_and_flags() -> None:
         assert (page == Failure(is_too_much=False)) == refused
 
 
+@pytest.mark.parametrize(("kind", "value"), [(12, "full"), (1, True), (0x8B, (1.0, 2.0))])
+def test_no_average_is_made_of_texts_and_flags_around_an_interval(kind: int, value: object) -> None:
+    series = ListSeries([Row(NOON + second * S, 0, kind, value) for second in (1, 10_000)])
+    for start, end in ((2, 5), (5, 2), (10_001, 10_005)):
+        read = ProcessedRead(NOON + start * S, NOON + end * S, 0, Aggregate.TIME_AVERAGE, SETTING)
+        assert read_processed(series, read, 0, 10) == Failure(is_too_much=False)
+
+
 def test_an_interval_of_too_many_values_is_refused_and_a_page_of_them_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ua_fleet.history.processed.PIECE_ROWS", 3)
     monkeypatch.setattr("ua_fleet.history.processed.MOST_ROWS", 10)
@@ -151,6 +159,54 @@ def test_intervals_of_large_values_are_calculated_piece_by_piece(backward: bool)
         assert row.value == pytest.approx(expected, rel=0.01)
     whole = ProcessedRead(start, end, 0, Aggregate.START, SETTING)
     assert read_processed(series, whole, 0, 10) == Failure(is_too_much=True)
+
+
+class Noted(ListSeries):
+    """Counts the reads."""
+
+    def __init__(self, rows: list[Row]) -> None:
+        super().__init__(rows)
+        self.reads = 0
+
+    def between(
+        self, first: int, last: int, most: int, *, backward: bool = False, most_bytes: int = MOST_READ_BYTES
+    ) -> Rows:
+        self.reads += 1
+        return super().between(first, last, most, backward=backward, most_bytes=most_bytes)
+
+
+def images(count: int) -> Noted:
+    """One of 16 MB each second: four are read at once."""
+    image = bytes(16_000_000)
+    return Noted([Row(NOON + second * S, 0, 15, image) for second in range(count)])
+
+
+@pytest.mark.parametrize("backward", [False, True])
+def test_what_is_read_to_count_large_values_has_a_bound(backward: bool) -> None:
+    """An interval with more than 512 MB is refused, and a page has as many intervals as that is enough for."""
+    series = images(400)
+    ends = (NOON + 399 * S, NOON - S) if backward else (NOON, NOON + 400 * S)
+    assert read_processed(series, ProcessedRead(*ends, 0, Aggregate.COUNT, SETTING), 0, 10) == Failure(is_too_much=True)
+    assert series.reads <= 10
+    read = ProcessedRead(*ends, 10_000, Aggregate.COUNT, SETTING)
+    counts: list[int] = []
+    first: int | None = 0
+    while first is not None:
+        series.reads = 0
+        page = page_of(series, read, first)
+        assert page.rows
+        assert series.reads <= 14
+        counts += [row.value for row in page.rows]
+        first = page.rest
+    assert counts == [10] * 40
+
+
+def test_a_page_of_large_values_holds_few_of_them() -> None:
+    series = images(100)
+    read = ProcessedRead(NOON, NOON + 100 * S, 1_000, Aggregate.START, SETTING)
+    page = page_of(series, read)
+    assert len(page.rows) <= 8
+    assert page.rest == len(page.rows)
 
 
 def test_an_empty_series_has_no_data() -> None:

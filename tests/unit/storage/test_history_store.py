@@ -21,6 +21,7 @@ from ua_fleet.history.blocks import encode_block
 from ua_fleet.history.rows import EARLIEST, LATEST, Row
 from ua_fleet.storage import history_store
 from ua_fleet.storage.history_store import HISTORY_FILE, SqliteHistory
+from ua_fleet.values import TICKS_PER_SECOND as SECOND
 from ua_fleet.values import NodeId
 
 KEY = NodeId(2, 1001)
@@ -150,6 +151,38 @@ def test_a_compaction_that_failed_is_done_later(tmp_path: Path, monkeypatch: pyt
             pass
     with contextlib.closing(sqlite3.connect(path)) as connection:
         assert connection.execute("SELECT count(*) FROM block").fetchone() == (4,)
+
+
+def test_what_is_too_much_is_removed_while_a_node_is_compacted(tmp_path: Path) -> None:
+    """A node whose rows make a block each never ends: a minute after its time the removal goes first."""
+    large = bytes(1_000_000)
+    rows = [(KEY, Row(number * SECOND, 0, 15, large[: 1_000_000 if number < 40 else 1])) for number in range(1, 2_100)]
+    now, megabytes = 2_100 * SECOND, 10_000_000
+    with contextlib.closing(SqliteHistory(tmp_path / HISTORY_FILE)) as store:
+        store.write(rows, now)
+        for _ in range(3):
+            assert store.tend(now, lambda _key: 1e6, megabytes)
+        assert store.used_bytes() > megabytes
+        assert store.tend(now + 119 * SECOND, lambda _key: 1e6, megabytes)
+        assert store.used_bytes() < megabytes
+
+
+def test_the_age_of_all_nodes_is_looked_at_while_one_is_compacted(tmp_path: Path) -> None:
+    other, day = NodeId(2, 1002), 86_400 * SECOND
+    large = bytes(1_000_000)
+    rows = [(KEY, Row(10 * day + at, 0, 15, large[: 1_000_000 if at < 40 else 1])) for at in range(2_100)]
+    now = 11 * day
+    with contextlib.closing(SqliteHistory(tmp_path / HISTORY_FILE)) as store:
+        store.write([(other, Row(day, 0, 11, 1.0)), *rows], now)
+        store.tend(now, lambda _key: 5, 2**40)
+        for _ in range(2):
+            assert store.tend(now + 119 * SECOND, lambda _key: 5, 2**40)
+        assert not store.series(other).between(EARLIEST, LATEST, 1)
+        assert store.series(KEY).between(EARLIEST, LATEST, 1)
+        more = 0
+        while store.tend(now + 119 * SECOND, lambda _key: 5, 2**40):
+            more += 1
+        assert more > 10  # blocks of the other node, which goes on from where it was
 
 
 _WRITER = """

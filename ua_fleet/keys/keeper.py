@@ -34,7 +34,6 @@ LONGEST_DELAY_AT_START_S: Final = 5.0
 LONGEST_ANSWERED_DELAY_S: Final = 60.0
 """Between two fetches of a group that the source has nothing new of, though it is wanted: an unknown token that
 anybody can write into a message must not make us ask all the time. What is new meanwhile comes by `generation`."""
-
 OTHERS_S: Final = 2.0
 """Who begins with its own key waits so long for those of others, which the source may be slow with."""
 

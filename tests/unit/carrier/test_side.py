@@ -169,11 +169,14 @@ def test_own_executions_are_known_where_no_runs_can_be_carried(
     tmp_path: Path, records: CarriedRecords, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found: list[object] = []
-    monkeypatch.setattr(sys.modules[__name__], "_record_nothing", lambda journal, _now: found.append(journal))
+
+    def record_own_in(journal: object, _now: float) -> None:
+        found.append(journal)
 
     def refused(*_: object) -> None:
         raise LocalWireError("the announcement is too long")
 
+    monkeypatch.setattr(sys.modules[__name__], "_record_nothing", record_own_in)
     monkeypatch.setattr(ImmediateActions, "offer", refused)
     with capture_logs() as logs:
         Bridge("cell", tmp_path, records)

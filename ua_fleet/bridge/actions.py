@@ -157,7 +157,8 @@ class Actions:
         """What SkillStatus has not said yet: a requestor that waits is answered first."""
         self._skills: dict[Topic, Skill] = {}
         self._skills_at, self._skills_period_s = 0.0, skills_period_s
-        self._waiting = Unrecorded()
+        self._waiting = Unrecorded(), Unrecorded()
+        """Of what stands in the common journal, and in that of the bridge's own runs: either may fail alone."""
         self._retry_at = 0.0
         self._due: float | None = None
         self.problem = ""
@@ -203,7 +204,9 @@ class Actions:
             self._counters.drop_malformed("response_address")
             return
         effects = self._recorded(
-            lambda: self._responder.receive(message, reply_to, now, self._wall_ticks(), verified=event.verified), now
+            lambda: self._responder.receive(message, reply_to, now, self._wall_ticks(), verified=event.verified),
+            now,
+            is_own=event.sender is OWN,
         )
         self._do(effects or (), now)
         self._settle(now)
@@ -223,7 +226,7 @@ class Actions:
     @property
     def unrecorded(self) -> int:
         """What waits until the journal can be written."""
-        return len(self._waiting)
+        return sum(map(len, self._waiting))
 
     def robot_of(self, execution_id: bytes) -> str | None:
         """The robot that an execution belongs to, where it is known."""
@@ -247,8 +250,9 @@ class Actions:
         """Do what is due."""
         if now >= self._skills_at:
             self._look_at_skills(now)
-        if self._waiting and now >= self._retry_at:
-            self._take_waiting(now)
+        if now >= self._retry_at:
+            for waiting in self._waiting:
+                self._take_waiting(waiting, now)
         self._do(self._responder.poll(now), now)
         self._settle(now)
 
@@ -260,22 +264,23 @@ class Actions:
         """Do a step that has to be recorded, now or as soon as it can be."""
         if self._responder.execution(execution_id) is None:
             return
-        if not self._waiting.add(execution_id, said, step):
+        waiting = self._waiting[self._journals.is_own(execution_id)]
+        if not waiting.add(execution_id, said, step):
             self._counters.drop(Drop.UNASKED)
-        elif len(self._waiting) == 1 or now >= self._retry_at:
-            self._take_waiting(now)
+        elif len(waiting) == 1 or now >= self._retry_at:
+            self._take_waiting(waiting, now)
 
-    def _take_waiting(self, now: float) -> None:
-        while self._waiting:
-            key, step = self._waiting.first()
+    def _take_waiting(self, waiting: Unrecorded, now: float) -> None:
+        while waiting:
+            key, step = waiting.first()
             try:
-                effects = self._recorded(partial(step, now), now)
+                effects = self._recorded(partial(step, now), now, is_own=waiting is self._waiting[True])
             except Exception:
-                self._waiting.remove(key)  # a step that fails for a mistake of ours must not keep the others back
+                waiting.remove(key)  # a step that fails for a mistake of ours must not keep the others back
                 raise
             if effects is None:
                 return
-            self._waiting.remove(key)
+            waiting.remove(key)
             self._do(effects, now)
 
     def _taken(self, fact: ExecutionFact, now: float) -> list[ResponderEffect]:
@@ -312,18 +317,27 @@ class Actions:
             return ExecutionReport(ExecutionState.DONE, StatusCode.UNCERTAIN, said)
         return ExecutionReport(ExecutionState.DONE, ended.status, ended.message, result)
 
-    def _recorded(self, step: Callable[[], Sequence[ResponderEffect]], now: float) -> Sequence[ResponderEffect] | None:
-        """The effects of a step; None where the journal could not record it, and so nothing has happened."""
+    def _recorded(
+        self, step: Callable[[], Sequence[ResponderEffect]], now: float, *, is_own: bool
+    ) -> Sequence[ResponderEffect] | None:
+        """The effects of a step; None where the journal could not record it, and so nothing has happened.
+
+        Args:
+            step: what is to be recorded.
+            now: monotonic seconds.
+            is_own: whether it is of the bridge's own runs.
+        """
         try:
             effects = step()
-            self._journals.settle()  # several records may share a sync, and the robot or others hear of it now
+            # Several records may share a sync, and the robot or others hear of it now.
+            self._journals.settle(is_own=is_own)
         except StorageUnavailable as error:
             if not self.problem:
                 self._failed(f"executions cannot be recorded, and none is begun: {error}", None)
             self.problem = str(error)
             self._retry_at = now + RETRY_S
             return None
-        if effects:
+        if effects and not self._waiting[not is_own]:  # what waits of the others has still that problem
             self.problem = ""
         return effects
 
@@ -348,7 +362,7 @@ class Actions:
         deadlines = [self._responder.next_deadline()]
         if self._driver.has_skills:
             deadlines.append(self._skills_at)
-        if self._waiting:
+        if any(self._waiting):
             deadlines.append(self._retry_at)
         self._due = min((due for due in deadlines if due is not None), default=None)
 

@@ -23,12 +23,18 @@ class ExecutionJournals:
         self._own: ResponderJournal | None = None
         self._in_own: set[bytes] = set()
         """Executions that stand in the bridge's own journal; older ones of it may stand in the common one."""
+        self._is_owed = False
+        """Whether the bridge's own journal was written since the last `settle`."""
 
     def record_own_in(self, journal: ResponderJournal) -> Collection[RecordedExecution]:
         """Record in it from now on what the bridge's own space asks for; what it has of a time before."""
         found = journal.executions()
         self._own, self._in_own = journal, {execution.execution_id for execution in found}
         return found
+
+    def is_own(self, execution_id: bytes) -> bool:
+        """Whether an execution stands in the bridge's own journal."""
+        return execution_id in self._in_own
 
     def recorded(self, execution: RecordedExecution) -> None:
         """See ResponderJournal."""
@@ -37,11 +43,13 @@ class ExecutionJournals:
             return
         self._own.recorded(execution)
         self._in_own.add(execution.execution_id)
+        self._is_owed = True
 
     def reported(self, execution_id: bytes, report: ExecutionReport) -> None:
         """See ResponderJournal."""
         if self._own is not None and execution_id in self._in_own:
             self._own.reported(execution_id, report)
+            self._is_owed = True
         else:
             self._common.reported(execution_id, report)
 
@@ -58,6 +66,7 @@ class ExecutionJournals:
         if self._own is not None and (own := self._in_own.intersection(execution_ids)):
             self._own.forget_executions(own, {self._space: forgotten[self._space]})
             self._in_own -= own
+            self._is_owed = True
 
     def forgotten(self) -> Mapping[int, int]:
         """See ResponderJournal."""
@@ -66,8 +75,13 @@ class ExecutionJournals:
             marks[space] = max(issued, marks.get(space, issued))
         return marks
 
-    def settle(self) -> None:
-        """See ResponderJournal."""
+    def settle(self, *, is_own: bool = False) -> None:
+        """See ResponderJournal. The bridge's own journal keeps nothing back that does not concern it when it fails.
+
+        Args:
+            is_own: whether what follows is of the bridge's own runs, though nothing may have been written.
+        """
         self._common.settle()
-        if self._own is not None:
+        if self._own is not None and (is_own or self._is_owed):
+            self._is_owed = False
             self._own.settle()

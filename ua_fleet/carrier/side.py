@@ -142,6 +142,8 @@ class _Carrier:
 
     def begin(self, now: float) -> None:
         """Announce the Action, and go on where the journal ends."""
+        if is_there := (self._state_dir / CARRIED_FILE).exists():
+            self._open()  # what its robots were asked for is under way, whether or not runs can go on here
         try:
             self._actions.offer(self._topic, CARRY, self._name, CARRY_REQUEST, CARRY_RESPONSE, now)
             if set(self._bridge.requestors) - {SERVER_SPACE, self._space}:  # it is to take part in runs with others
@@ -149,8 +151,7 @@ class _Carrier:
         except LocalWireError as error:
             self._log.error("this bridge carries no runs", reason=str(error))
             return
-        if (self._state_dir / CARRIED_FILE).exists():
-            self._open()
+        if is_there:
             self._restore(now)
 
     def _open(self) -> CarriedRecords:

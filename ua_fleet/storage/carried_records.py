@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final, Self
 
 from ua_fleet.carrying.compacting import forgotten_segments, superseded
-from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
+from ua_fleet.carrying.facts import CarryFact, RunClosed, decode_carry_fact, encode_carry_fact
 from ua_fleet.carrying.held import HeldRun
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.storage.database import Database, Statement
@@ -21,7 +21,7 @@ from ua_fleet.storage.journal import EXECUTION_TABLES, SqliteJournal
 from ua_fleet.storage.request_journal import REQUEST_TABLES, RequestJournal
 from ua_fleet.storage.run_journal import RUN_TABLES, RunJournal
 
-__all__ = ["CARRIED_FILE", "CARRIED_TABLES", "CarriedRecords"]
+__all__ = ["CARRIED_FILE", "CARRIED_TABLES", "OPEN_CARRIED", "CarriedRecords"]
 
 CARRIED_FILE: Final = "carried.db"
 """In a bridge's `state_dir`."""
@@ -32,6 +32,11 @@ _FACTS: Final = (
     "CREATE INDEX carried_of_run ON carried (run_id, number)",
 )
 CARRIED_TABLES: Final = (*_FACTS, *REQUEST_TABLES, *EXECUTION_TABLES, *RUN_TABLES)
+OPEN_CARRIED: Final = (
+    "SELECT DISTINCT run_id FROM carried WHERE run_id NOT IN"  # noqa: S608 - constant
+    f""" (SELECT run_id FROM carried WHERE line LIKE '{{"fact": "{RunClosed.__name__}"%')"""
+)
+"""The ids of the runs that are not over; what cannot be decoded closes none."""
 
 
 class _KeptRuns(RunJournal):

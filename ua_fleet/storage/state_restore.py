@@ -2,10 +2,10 @@
 
 What a process did after the backup is not in it. So what must never be used or done twice is made safe:
 
-    nonces.json           all nonces of its keys count as used: nothing is sent under them any more
-    security-groups.json  keys that nobody has, with tokens beyond all that were given
-    lease_numbers.json    numbers beyond all that were given
-    server.db             a request without an end is asked after and never sent as a request to begin
+    nonces.json            all nonces of its keys count as used: nothing is sent under them any more
+    security-groups.json   keys that nobody has, with tokens beyond all that were given
+    lease_numbers.json     numbers beyond all that were given
+    server.db, carried.db  a request without an end is asked after and never sent as a request to begin
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from typing import Any, Final, NamedTuple
 
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.pubsub.security.nonces import LAST_NUMBER
-from ua_fleet.storage.database import what_is_broken
+from ua_fleet.storage.carried_records import CARRIED_FILE, OPEN_CARRIED
+from ua_fleet.storage.database import version_of, what_is_broken
 from ua_fleet.storage.files import UNFINISHED, make_private_folder, sync_folder, write_whole
 from ua_fleet.storage.state_files import (
     BEFORE,
@@ -41,6 +42,11 @@ __all__ = ["OpenWork", "open_work", "put_in_place", "unpacked"]
 _TOKENS_BEYOND: Final = 100_000
 _MAX_TOKEN_ID: Final = 0xFFFF_FFFF
 _LEASES_BEYOND: Final = 1_000_000
+_OPEN_RUNS: Final = {
+    "server.db": "SELECT run_id FROM runs WHERE ended = 0",
+    CARRIED_FILE: OPEN_CARRIED,
+}
+"""The files that have runs and requests to robots, with what finds the runs without an end."""
 _PIECE_BYTES: Final = 1024 * 1024
 _MOST_MANIFEST_BYTES: Final = 64 * 1024 * 1024
 
@@ -131,14 +137,24 @@ def _extract(archive: tarfile.TarFile, entry: tarfile.TarInfo, folder: Path) -> 
 
 
 def open_work(folder: Path) -> OpenWork:
-    """What had no end in the server's records that are unpacked in a folder."""
-    path = folder / "server" / "server.db"
-    if not path.exists():
-        return OpenWork(0, 0)
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        [runs] = database.execute("SELECT count(*) FROM runs WHERE ended = 0").fetchone()
-        [requests] = database.execute("SELECT count(*) FROM requests WHERE outcome IS NULL").fetchone()
-    return OpenWork(runs, requests)
+    """What had no end in the records of the server and of bridges that carry runs, as they are unpacked in a folder.
+
+    A run that several of them know counts once.
+    """
+    runs, requests = set[str](), 0
+    for path in sorted(folder.glob("*/*.db")):
+        if not _has_requests(path):
+            continue
+        with contextlib.closing(sqlite3.connect(path)) as database:
+            runs.update(run_id for (run_id,) in database.execute(_OPEN_RUNS[path.name]))
+            [count] = database.execute("SELECT count(*) FROM requests WHERE outcome IS NULL").fetchone()
+            requests += count
+    return OpenWork(len(runs), requests)
+
+
+def _has_requests(path: Path) -> bool:
+    """Whether it is such a file; one without tables is what a process leaves that was killed as it began it."""
+    return path.name in _OPEN_RUNS and version_of(path) > 0
 
 
 def put_in_place(folder: Path, folders: Mapping[str, Path], manifest: Manifest, now: datetime) -> list[Path]:
@@ -225,7 +241,7 @@ def _give_to_owner(prepared: Path, target: Path) -> None:
 
 def _make_safe(path: Path, elapsed_s: int) -> None:
     """See the table above. What is no such file is left as it is, and refused by its process."""
-    if path.name == "server.db":
+    if _has_requests(path):
         with contextlib.closing(sqlite3.connect(path)) as database, database:
             database.execute("UPDATE requests SET timeout_ms = 0 WHERE outcome IS NULL")
     changes: dict[str, Callable[[dict[str, Any]], None]] = {

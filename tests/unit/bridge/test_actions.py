@@ -125,15 +125,28 @@ class Bench:
             wall_ticks=lambda: WALL + round(self.now * 1e7),
             failed=lambda text, _: self.failures.append(text),
         )
+        self.answered_own = 0
+        self.actions.answer_own = self._answer_own
         self.actions.begin(0.0)
+
+    def _answer_own(self, _datagram: bytes) -> None:
+        self.answered_own += 1
 
     def _answer(self, datagram: bytes, address: tuple[str, int]) -> None:
         message = Codec().decode(datagram)
         assert isinstance(message, ActionMessage)
         self.answers.append((message, address))
 
-    def ask(self, number: int = 1, values: tuple[Any, ...] = ("bin",), *, verified: bool = False, **rest: Any) -> None:
-        """A request."""
+    def ask(
+        self,
+        number: int = 1,
+        values: tuple[Any, ...] = ("bin",),
+        *,
+        verified: bool = False,
+        own: bool = False,
+        **rest: Any,
+    ) -> None:
+        """A request; an own one is of a run that the bridge carries."""
         message = ActionMessage(
             SPACE,
             ACTION.ns,
@@ -149,7 +162,11 @@ class Bench:
             values=values,
             timestamp=WALL + number,
         )
-        self.actions.receive(ActionReceived(message._replace(**rest), SENDER, verified), self.now)
+        message = message._replace(**rest)
+        if own:
+            self.actions.receive_own(message, self.now)
+        else:
+            self.actions.receive(ActionReceived(message, SENDER, verified), self.now)
 
     def tell(self, fact: Any) -> None:
         """What the driver says."""
@@ -246,6 +263,64 @@ def test_nothing_is_begun_or_said_while_it_cannot_be_recorded() -> None:
     bench.ask()
     assert len(bench.robot.begun) == 1
     assert bench.actions.problem == ""
+
+
+class Unsynced(MemoryJournal):
+    """A journal whose disk could not be synced: nobody knows what of the last commits is there."""
+
+    is_failed = False
+
+    def settle(self) -> None:
+        if self.is_failed:
+            raise StorageUnavailable("carried.db: the disk could not be synced")
+
+    def reported(self, execution_id: bytes, report: ExecutionReport) -> None:
+        self.settle()
+        super().reported(execution_id, report)
+
+
+def with_own_under_way() -> tuple[Bench, Unsynced]:
+    """ID is the server's, OTHER of a run that the bridge carries itself; the disk of this run fails."""
+    robot = Robot()
+    robot.offered = (replace(PICK, limits=SkillLimits(requests_at_once=8)),)
+    bench, own = Bench(robot=robot, journal=MemoryJournal()), Unsynced()
+    bench.ask(1)
+    bench.actions.record_own_in(own, 0.0)
+    bench.ask(2, requestor_id=f"{SPACE}.carrier", own=True)
+    own.is_failed = True
+    return bench, own
+
+
+def test_a_failed_sync_of_own_runs_keeps_nothing_of_others_back() -> None:
+    bench, own = with_own_under_way()
+    bench.tell(ExecutionEnded(OTHER, 0, (2.0,)))
+    assert bench.actions.unrecorded == 1
+    bench.tell(ExecutionSuspended(ID, "a person stands there"))
+    bench.tell(ExecutionEnded(ID, 0, (1.0,)))
+    assert bench.states() == [ExecutionState.DONE], "at once, not with what waits"
+    bench.ask(3)
+    assert [each.execution_id[-1] for each in bench.robot.begun] == [1, 2, 3]
+    assert bench.actions.problem == "carried.db: the disk could not be synced"
+    for second in (1.0, 2.0):
+        bench.now = second
+        bench.actions.poll(second)
+    assert bench.actions.unrecorded == 1, "the end of the own one waits"
+    assert len(bench.failures) == 1, "said once"
+    own.is_failed = False
+    bench.now = 3.0
+    bench.actions.poll(3.0)
+    assert [each.report.state for each in own.executions()] == [ExecutionState.DONE]
+    assert bench.actions.problem == ""
+
+
+def test_an_own_execution_whose_sync_fails_is_neither_begun_nor_answered() -> None:
+    bench, _ = with_own_under_way()
+    for _ in range(2):  # the second time it is known
+        bench.ask(4, requestor_id=f"{SPACE}.carrier", own=True)
+    assert [each.execution_id[-1] for each in bench.robot.begun] == [1, 2]
+    assert bench.answered_own == 1, "of the one before"
+    bench.ask(5)
+    assert bench.robot.begun[-1].execution_id[-1] == 5
 
 
 def test_an_end_that_cannot_be_recorded_waits() -> None:

@@ -323,7 +323,7 @@ def test_a_hand_over_costs_three_syncs_and_nothing_leaves_before_its_own(tmp_pat
 
 
 def test_a_robot_that_is_called_before_the_sync_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def unsettled(_journals: ExecutionJournals) -> None: ...
+    def unsettled(_journals: ExecutionJournals, *, is_own: bool) -> None: ...
 
     monkeypatch.setattr(ExecutionJournals, "settle", unsettled)
     assert "hall: robot called" in syncs_of_a_hand_over(tmp_path)[1]

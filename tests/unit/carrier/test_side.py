@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -15,13 +16,14 @@ from ua_demo.simulators.fleet.memory import VirtualLoop
 
 from tests.unit.carrying.test_plan import plan, task
 from ua_fleet.bridge.carry import CarryGround
+from ua_fleet.bridge.immediate import ImmediateActions
 from ua_fleet.carrier import carrier_of
 from ua_fleet.carrier.engine import SegmentEnd, SegmentEngine
 from ua_fleet.carrying import Holder, RunRefused, SegmentRound, Token, encode_part, encode_token, parts_of, segment_run
 from ua_fleet.carrying.facts import PartTaken, PauseTold, SegmentBegun
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Counters
-from ua_fleet.errors import StorageUnavailable
+from ua_fleet.errors import LocalWireError, StorageUnavailable
 from ua_fleet.monitoring import Mistakes
 from ua_fleet.pubsub.carry_action import CARRY_ID
 from ua_fleet.pubsub.publisher import Publisher
@@ -161,6 +163,25 @@ def test_a_run_of_another_version_is_left_out_and_the_bridge_begins(tmp_path: Pa
         kinds = [type(fact) for fact in records.runs.facts(segment)]
         assert kinds == [RunCreated, RunClosing, RunEnded], "the engine goes on with nothing of it"
     assert [fact.run_id for fact in records.facts()].count("old") == 2, "what was recorded stays"
+
+
+def test_own_executions_are_known_where_no_runs_can_be_carried(
+    tmp_path: Path, records: CarriedRecords, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[object] = []
+
+    def record_own_in(journal: object, _now: float) -> None:
+        found.append(journal)
+
+    def refused(*_: object) -> None:
+        raise LocalWireError("the announcement is too long")
+
+    monkeypatch.setattr(sys.modules[__name__], "_record_nothing", record_own_in)
+    monkeypatch.setattr(ImmediateActions, "offer", refused)
+    with capture_logs() as logs:
+        Bridge("cell", tmp_path, records)
+    assert [one["event"] for one in logs] == ["this bridge carries no runs"]
+    assert found == [records.executions]
 
 
 def test_a_part_of_a_run_that_is_left_out_is_refused() -> None:

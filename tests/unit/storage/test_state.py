@@ -17,10 +17,14 @@ from typing import Any
 
 import pytest
 
+from ua_fleet.carrying.facts import PartTaken, RunClosed
 from ua_fleet.errors import StorageUnavailable, UaFleetError
 from ua_fleet.pubsub.security.nonces import LAST_NUMBER
 from ua_fleet.server.key_service.files import load_groups, save_groups
 from ua_fleet.server.key_service.store import GroupState
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome, Target
+from ua_fleet.skill.journal import RecordedRequest
+from ua_fleet.storage.carried_records import CARRIED_FILE, CarriedRecords
 from ua_fleet.storage.files import UNFINISHED
 from ua_fleet.storage.lease_numbers import LeaseNumbers
 from ua_fleet.storage.nonces import FileNonces
@@ -34,6 +38,7 @@ from ua_fleet.wire.security import SecurityPolicy
 MADE = datetime(2026, 3, 1, 8, tzinfo=UTC)
 ABOUT = Manifest("Hall", MADE.isoformat(), "0.1.0", "", {})
 POLICY = SecurityPolicy.named("PubSub-Aes256-CTR")
+DONE = ExecutionReport(ExecutionState.DONE)
 REQUEST = "INSERT INTO requests VALUES (1, x'01', 2, 2, 7, 1, x'', 0, 5000, 0, NULL, NULL, NULL, NULL, NULL)"
 
 
@@ -274,6 +279,35 @@ def test_requests_without_an_end_are_only_asked_after(tmp_path: Path, folders: d
     restore(file, folders, tmp_path)
     with ServerRecords(folders["server"]) as records:
         assert [request.timeout_ms for request in records.requests.requests()] == [0]
+
+
+def test_a_run_that_bridges_carry_begins_nothing_again(tmp_path: Path, folders: dict[str, Path]) -> None:
+    bridge = folders["bridge-cell"]
+    with closing(sqlite3.connect(folders["server"] / "server.db")) as database, database:
+        database.execute("INSERT INTO runs VALUES (1, 'run', 0)")
+    with CarriedRecords(bridge) as records:
+        for run_id in ("run", "other", "over"):
+            records.note(PartTaken(1.0, run_id, "00"))
+        records.note(RunClosed(2.0, "over", "done", "", 300))
+        for number, outcome in enumerate([None, RequestOutcome(OutcomeKind.ACCEPTED, DONE)]):
+            target = Target(301, 2, 7, 1)
+            records.requests.requested(RecordedRequest(bytes([number] * 16), target, b"", number, 5000, outcome))
+    file = backup(tmp_path, folders)
+    with unpacked(file, "0.1.0", tmp_path) as (_, within):
+        assert open_work(within) == (2, 1), "the server's run is one of the bridge's"
+    restore(file, folders, tmp_path)
+    with CarriedRecords(bridge) as records:
+        assert [request.timeout_ms for request in records.requests.requests()] == [0, 5000]
+        assert len(records.facts()) == 4
+
+
+def test_files_that_were_just_begun_are_restored(tmp_path: Path, folders: dict[str, Path]) -> None:
+    (folders["bridge-cell"] / CARRIED_FILE).touch()
+    file = backup(tmp_path, folders)
+    with unpacked(file, "0.1.0", tmp_path) as (_, within):
+        assert open_work(within) == (0, 0)
+    restore(file, folders, tmp_path)
+    CarriedRecords(folders["bridge-cell"]).close()
 
 
 def test_a_folder_that_the_fleet_has_not_is_told(tmp_path: Path, folders: dict[str, Path]) -> None:

@@ -23,6 +23,8 @@ from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any, Final, Self
 
+from ua_fleet.endpoint.answers import EncodedResponse
+
 __all__ = ["Walk"]
 
 _ROOT: Final = Path(__file__).parents[1]
@@ -105,6 +107,8 @@ class Walk:
             inner = records
         elif isinstance(found, Mapping):
             inner = records.values()
+        elif isinstance(found, EncodedResponse):
+            inner = (found.parameters,)
         elif is_dataclass(found) and not isinstance(found, type):
             inner = [getattr(found, each.name, None) for each in fields(found)]
         else:

@@ -202,7 +202,7 @@ async def test_orders_of_strangers_are_not_done(graph: Ros1Graph, peer: Peer) ->
         assert peer.bridge("Connected") is True
         with pytest.raises((xmlrpc.client.Error, OSError)):
             node.publisherUpdate("/master", "/x" * (2 << 20), [])
-    await asyncio.to_thread(bridge.wait_for, "somebody told the bridge to shut down")
+    await asyncio.to_thread(bridge.wait_for, "the ROS master asked the bridge to shut down")
     graph.talker("/ua_1_2_8", "std_msgs/Float64", "{data: COUNT}", "--name", "new")
     await peer.until(lambda: peer.good(Topic(1, 2, 8)))
 

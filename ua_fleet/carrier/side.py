@@ -280,7 +280,9 @@ class _Carrier:
             case Word.PART if sender == 0:
                 self._take_part(content, now)
             case Word.TOKEN:
-                with self._one_sync():  # the token, what its first task is asked with, and that its robot is to begin
+                # The token, what its first task is asked with, and that its robot is to begin. The server is answered
+                # before that: where it ends meanwhile, it must not take a run that robots were told of for none.
+                with self._one_sync(is_turn=sender != 0):
                     self._do(self._holder.take_token(content, sender, wall_s))
             case Word.END:
                 words = decode_words(content)
@@ -307,8 +309,8 @@ class _Carrier:
                 )
         return pack(_BYTES, (answer,))
 
-    def _one_sync(self) -> AbstractContextManager[None]:
-        if self._engine is not None:
+    def _one_sync(self, *, is_turn: bool) -> AbstractContextManager[None]:
+        if self._engine is not None and is_turn:
             return self._engine.turn()
         return nullcontext() if self._records is None else self._records.one_sync()
 

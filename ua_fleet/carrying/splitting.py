@@ -117,7 +117,7 @@ class _Splitter:
             case Task() if self._space_of_task[step.name] is None:
                 self._problem(step.line, f"task {step.name!r}: no robot for it lives behind a bridge")
             case Wait(event=str() as event):
-                self._problem(step.line, f"the event {event!r} is sent to the server, and bridges do not receive it")
+                self._problem(step.line, f"the event {event!r} is sent to the server, and no bridge receives it")
             case Parallel(branches=branches) if len(branches) > MOST_SLOTS:
                 self._problem(step.line, f"at most {MOST_SLOTS} branches are carried, here are {len(branches)}")
             case _:
@@ -125,7 +125,7 @@ class _Splitter:
         for name in sorted(names_at(step) - self._parameters):
             if split_index(name)[0] in self._view.of_server:
                 self._problem(
-                    step.line, f"{name!r} is a value of the server, and bridges do not have it while the server is away"
+                    step.line, f"{name!r} is a value of the server, and no bridge has it while the server is away"
                 )
             elif split_index(name)[0] in self._view.on_demand:
                 self._problem(

@@ -491,7 +491,8 @@ class CarriedRuns:
             asked.answered_at = self._clock()
         has_time = word is Word.FETCH and phase is run.phase
         asked.is_asked, asked.next_at = False, self._clock() + (self._follow_after_s(asked) if has_time else 0.0)
-        is_now = adopting is run.adopting  # else another bridge was left out as well since
+        # Else another bridge was left out as well since, or the run was aborted: the end is still to be told.
+        is_now = phase is run.phase and adopting is run.adopting
         asked.has_refused = word is Word.ADOPT and is_now and outcome.kind is OutcomeKind.REFUSED
         if is_good(outcome):
             asked.problem = ""

@@ -352,6 +352,22 @@ def test_a_late_answer_to_the_adoption_before_does_not_count_for_the_next_one(tm
     assert [one.part.epoch for one in adoptions(world, 300)] == [3]
 
 
+def test_a_late_answer_to_an_adoption_is_none_to_the_end_of_an_aborted_run(world: Carried) -> None:
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    world.bridges.does[302, Word.ADOPT] = None
+    world.carried.adopt(run_id, "c1", (), "anna")
+    world.go(0.5)
+    assert [space for space, word, *_ in world.bridges.open if word is Word.ADOPT] == [302]
+    world.carried.abort(run_id, "", "anna")
+    world.go(0.5)
+    world.bridges.does.clear()
+    asked = world.asked(1.0)  # only now it answers
+    assert (302, Word.END) in asked
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.ABORTED]
+
+
 def test_a_bridge_that_does_not_answer_now_is_no_heir(world: Carried) -> None:
     run_id = world.begin()
     world.bridges.off.add(301)

@@ -94,6 +94,8 @@ MOST_REASON: Final = 600
 """Characters of the reason that bridges are told: whatever they are, a bridge can read them."""
 MOST_JSON_BYTES: Final = 1_000_000
 """Of one page, decompressed."""
+_PAGE_WORDS: Final = frozenset({"facts", "last", "more", "told", "active", "waits", "closed"})
+"""What a page has at least; other versions have others."""
 _OF_SEGMENTS: Final = (RunCreated, RunPaused, RunResumed, RunClosing, RunEnded, OutsideTold, StandInTold)
 """Facts of a segment that say nothing of the run: the server notes its own."""
 _OUTCOMES: Final = {"done": RunOutcome.DONE, "failed": RunOutcome.FAILED, "aborted": RunOutcome.ABORTED}
@@ -518,6 +520,9 @@ class CarriedRuns:
         """The facts of one bridge, as they happened there."""
         (packed,) = unpack(result)
         words = decode_words(zlib.decompressobj().decompress(packed.value, MOST_JSON_BYTES), most=MOST_JSON_BYTES)
+        if not _PAGE_WORDS <= words.keys():
+            asked.problem = "it has another version of ua-fleet: update it, or abort the run"
+            return
         for line in words["facts"]:
             fact = decode_fact(line)
             is_ours = not isinstance(fact, _OF_SEGMENTS) and getattr(fact, "step", "x").partition("@")[0] != ""

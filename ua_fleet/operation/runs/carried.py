@@ -520,7 +520,7 @@ class CarriedRuns:
         """The facts of one bridge, as they happened there."""
         (packed,) = unpack(result)
         words = decode_words(zlib.decompressobj().decompress(packed.value, MOST_JSON_BYTES), most=MOST_JSON_BYTES)
-        if not _PAGE_WORDS <= words.keys():
+        if not words.keys() >= _PAGE_WORDS:
             asked.problem = "it has another version of ua-fleet: update it, or abort the run"
             return
         for line in words["facts"]:
@@ -609,7 +609,7 @@ class CarriedRuns:
 
 
 def _late_run(record: RunRecord, names: BridgeNames) -> FollowedRun:
-    """A run of the journal that has ended without some of its bridges: those of fleet.yaml are told when they answer."""
+    """A run of the journal that has ended without some bridges: those of fleet.yaml are told when they answer."""
     state, closing = record.state, record.state.closing
     outcome, reason = ("aborted", "") if closing is None else (closing.outcome.value, closing.reason)
     bridges = {space: AskedBridge() for space in state.untold if space in names}

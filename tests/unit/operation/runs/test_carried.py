@@ -228,7 +228,7 @@ def test_a_mistake_in_one_answer_costs_no_other_one(tmp_path: Path) -> None:
 
 def test_a_bridge_whose_pages_are_of_another_version_is_named_and_the_run_can_be_aborted(world: Carried) -> None:
     run_id = world.begin()
-    before = {"facts": [], "count": 0, "active": [], "waits": "", "closed": None, "decisions": []}
+    before: dict[str, Any] = {"facts": [], "count": 0, "active": [], "waits": "", "closed": None, "decisions": []}
     world.bridges.does[301, Word.FETCH] = answer(zlib.compress(encode_words(**before)))
     assert world.asked(12.0).count((301, Word.FETCH)) >= 2, "it may be updated meanwhile"
     assert world.reason() == "c1: it has another version of ua-fleet: update it, or abort the run"

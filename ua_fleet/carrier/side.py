@@ -166,9 +166,10 @@ class _Carrier:
         self._holder = Holder(self._space, self._note, records.facts())
         self._ground.actions.reserved_for = self._holder.reserved_for
         self._leave_out(records)
+        last = records.last_number()
         for run_id in self._holder.runs:
-            for segment in records.segments_of(run_id):
-                self._watch.restored(run_id, records.runs.facts(segment))
+            segments = records.segments_of(run_id)
+            self._watch.restored(run_id, (fact for one in segments for fact in records.runs.facts(one)), last)
         effects = self._holder.again(self._wall_s())
         for run_id, held in self._holder.runs.items():
             asks_all = run_id in self._holder.in_doubt

@@ -46,6 +46,7 @@ class _Watched:
     message: str = ""
     ranking: tuple[tuple[str, float], ...] = ()
     facts: int = 0
+    """It grows by one with each fact, and never falls: a restart goes on at the highest number of the file."""
     is_new: bool = False
     since: float = 0.0
     """Since when, by the clock of the loop."""
@@ -122,7 +123,7 @@ class RunWatch:
                 self._soon(watched)
 
     def facts_of(self, run_id: str) -> int:
-        """How many facts of a run this tells of."""
+        """What is told of the facts of a run: more than before means that there are more of them."""
         watched = self._runs.get(run_id)
         return 0 if watched is None else watched.facts
 
@@ -130,11 +131,18 @@ class RunWatch:
         """A run is not known here any more."""
         self._runs.pop(run_id, None)
 
-    def restored(self, run_id: str, facts: Iterable[Fact]) -> None:
-        """These facts were told before a restart."""
+    def restored(self, run_id: str, facts: Iterable[Fact], last: int) -> None:
+        """These facts were told before a restart, maybe with others that are forgotten.
+
+        Args:
+            run_id: the run.
+            facts: of its segments, as far as they are there.
+            last: the highest number that the file has given a fact, so that at most as many were counted.
+        """
         watched = self._runs.setdefault(run_id, _Watched())
         for fact in facts:
             watched.take(fact)
+        watched.facts = last
 
     def _soon(self, watched: _Watched) -> None:
         if not watched.is_new:

@@ -37,7 +37,7 @@ __all__ = [
     "segment_run",
 ]
 
-VERSION: Final = 3
+VERSION: Final = 4
 _DICTIONARY: Final = (
     b'"retries":1,"capacities":["mobile","grab"],"quantities":{"distance":[1.0,"m"]},"after":[""]},"on_unknown":"retry",'
     b'{"=":"angle"},{"key":"","line":0,"kind":"if","when":"","then":{"else":{"kind":"sequence","steps":[{"kind":"wait",'

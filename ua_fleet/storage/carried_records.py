@@ -115,6 +115,11 @@ class CarriedRecords:
         rows = self._database.read("SELECT run_id FROM runs WHERE substr(run_id, 1, ?) = ? ORDER BY number", values)
         return [found for (found,) in rows]
 
+    def last_number(self) -> int:
+        """The highest number that a fact of a segment has had, also where it was forgotten since; 0: there was none."""
+        rows = self._database.read("SELECT seq FROM sqlite_sequence WHERE name = 'facts'")
+        return int(rows[0][0]) if rows else 0
+
     def lines_beyond(self, run_id: str, last: int) -> Iterator[tuple[int, str]]:
         """The lines of facts of all segments of a run in the order in which they were written, each with its number.
 

@@ -97,3 +97,21 @@ def test_a_server_goes_on_fetching_where_it_was_though_what_is_before_was_forgot
     steps = [decode_fact(line) for line in pages.after("run", first.last).lines]
     assert [fact.step for fact in steps if isinstance(fact, StepEnded)] == ["1.repeat.1@10"]
     assert records.compact(holder.runs["run"], kept=0) == 0, "there is no more"
+
+
+def test_what_was_forgotten_counts_after_a_restart_in_what_is_told_of_facts(
+    tmp_path: Path, records: CarriedRecords
+) -> None:
+    assert records.last_number() == 0
+    hall = Bridge("hall", tmp_path, records)
+    holder: Holder = cast("Any", hall.side)._holder
+    holder.take_part(PART, 0.0)
+    written = 0
+    for number in range(10):
+        do_round(hall, records, number)
+        written += 3
+    assert records.compact(holder.runs["run"], kept=0) > 0
+    assert rows(records)["facts"] < written
+    holder.take_end("run", "aborted", "", 0, 11.0)  # no engine reads the text of these segments
+    again = Bridge("hall", tmp_path, records)
+    assert cast("Any", again.side)._watch.facts_of("run") >= written, "else the server takes news for what it has"

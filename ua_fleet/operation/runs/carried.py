@@ -15,7 +15,8 @@
               one is silent, and an operator says that it is off: it is told when it answers
 
 A run that was following when the server ended is followed by the next one; one that had not begun is closed. A bridge
-that is away keeps the run from ending here, and is named; the run itself goes on without the server.
+that is away keeps the run from ending here, and is named; the run itself goes on without the server. One that has left
+fleet.yaml cannot be asked: the run is followed, and ends, without it.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.operation.runs.carried_adoption import Adoptions, plan_view
 from ua_fleet.operation.runs.carried_questions import BridgesAnswered, CarriedQuestions, is_good
-from ua_fleet.operation.runs.carried_state import AskedBridge, CarriedPhase, FollowedRun
+from ua_fleet.operation.runs.carried_state import AskedBridge, BridgeNames, CarriedPhase, FollowedRun
 from ua_fleet.operation.runs.library import Checked, parameters_of
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.run_commands import new_run_id
@@ -93,6 +94,8 @@ MOST_REASON: Final = 600
 """Characters of the reason that bridges are told: whatever they are, a bridge can read them."""
 MOST_JSON_BYTES: Final = 1_000_000
 """Of one page, decompressed."""
+_PAGE_WORDS: Final = frozenset({"facts", "last", "more", "told", "active", "waits", "closed"})
+"""What a page has at least; other versions have others."""
 _OF_SEGMENTS: Final = (RunCreated, RunPaused, RunResumed, RunClosing, RunEnded, OutsideTold, StandInTold)
 """Facts of a segment that say nothing of the run: the server notes its own."""
 _OUTCOMES: Final = {"done": RunOutcome.DONE, "failed": RunOutcome.FAILED, "aborted": RunOutcome.ABORTED}
@@ -134,7 +137,7 @@ class CarriedRuns:
         self._config, self._service, self._reserve, self._sooner = config, service, reserve, sooner
         self._new_id, self._follow_s = new_id, follow_s
         self._clock, self._wall_s, self._mistakes, self._log = clock, wall_s, mistakes, log
-        self._names = {bridge.space: name for name, bridge in config.bridges.items()}
+        self._names = BridgeNames({bridge.space: name for name, bridge in config.bridges.items()})
         self._asked: dict[bytes, Callable[[RequestOutcome], None]] = {}
         self._commands = commands(instance=INSTANCE, told=self._told, most_remembered=1000)
         self._adoptions = Adoptions(config, service, clock=clock, wall_s=wall_s, log=log)
@@ -146,7 +149,7 @@ class CarriedRuns:
                 record.run_id,
                 _robots(service.check(f"{record.text}\n").scenario),
                 CarriedPhase.FOLLOWING,
-                {space: AskedBridge(answered_at=clock()) for space in record.state.carried},
+                {space: AskedBridge(answered_at=clock()) for space in record.state.carried if space in self._names},
             )
             facts = service.facts_of(record.run_id)
             run.known = {encode_fact(fact) for fact in facts}
@@ -160,9 +163,10 @@ class CarriedRuns:
                 self._close(run, closing.outcome.value, closing.reason, is_noted=True)
             elif not has_begun:
                 self._close(run, "aborted", "the server ended before every bridge had its part")
-            run.late = {space: AskedBridge() for space in record.state.untold}
+            removed = [space for space in record.state.carried if space not in self._names]
+            run.late = {space: AskedBridge() for space in (*record.state.untold, *removed)}
             self._hold(run)
-        self._late = {record.run_id: _late_run(record) for record in service.untold}
+        self._late = {record.run_id: _late_run(record, self._names) for record in service.untold}
         """Runs that have ended without bridges that were off."""
 
     # People.
@@ -491,7 +495,8 @@ class CarriedRuns:
             asked.answered_at = self._clock()
         has_time = word is Word.FETCH and phase is run.phase
         asked.is_asked, asked.next_at = False, self._clock() + (self._follow_after_s(asked) if has_time else 0.0)
-        is_now = adopting is run.adopting  # else another bridge was left out as well since
+        # Else another bridge was left out as well since, or the run was aborted: the end is still to be told.
+        is_now = phase is run.phase and adopting is run.adopting
         asked.has_refused = word is Word.ADOPT and is_now and outcome.kind is OutcomeKind.REFUSED
         if is_good(outcome):
             asked.problem = ""
@@ -515,6 +520,9 @@ class CarriedRuns:
         """The facts of one bridge, as they happened there."""
         (packed,) = unpack(result)
         words = decode_words(zlib.decompressobj().decompress(packed.value, MOST_JSON_BYTES), most=MOST_JSON_BYTES)
+        if not words.keys() >= _PAGE_WORDS:
+            asked.problem = "it has another version of ua-fleet: update it, or abort the run"
+            return
         for line in words["facts"]:
             fact = decode_fact(line)
             is_ours = not isinstance(fact, _OF_SEGMENTS) and getattr(fact, "step", "x").partition("@")[0] != ""
@@ -557,13 +565,22 @@ class CarriedRuns:
         if run.late:
             names = " and ".join([self._names[space] for space in run.late])
             said = f"{said and f'{said}; '}{names} did not know it: off, as people have said, and told when there"
-            self._late[run.run_id] = replace(run, bridges=run.late, until=self._clock() + self._follow_s)
+            there = {space: asked for space, asked in run.late.items() if space in self._names}
+            self._late[run.run_id] = replace(run, bridges=there, until=self._clock() + self._follow_s)
         self._questions.end(run.run_id)
-        self._service.note(run.run_id, [RunEnded(at, ended, said)])
+        self._service.note(run.run_id, [*self._removed(run), RunEnded(at, ended, said)])
         del self._runs[run.run_id]
         for robot in run.robots:
             self._reserve(robot, "")
         self._log.info("carried run ended", run_id=run.run_id, outcome=outcome, reason=reason)
+
+    def _removed(self, run: FollowedRun) -> list[RunAdopted]:
+        """That a run ends without bridges which fleet.yaml has lost: one that is there again is told at a start."""
+        if not (removed := [space for space in run.late if space not in self._names]):
+            return []
+        facts = self._service.facts_of(run.run_id)
+        noted = {fact.space for fact in facts if isinstance(fact, RunAdopted) and not fact.heir}
+        return [RunAdopted(self._wall_s(), space, 0, (), "the server") for space in removed if space not in noted]
 
     def _show_waits(self, run: FollowedRun) -> None:
         """Name the bridges that do not answer, and what they cannot hand over, while there are some."""
@@ -572,6 +589,7 @@ class CarriedRuns:
             for space, asked in run.bridges.items()
             if asked.problem
         ]
+        said += [f"{self._names[space]}: it is not in fleet.yaml" for space in run.late if space not in self._names]
         if run.phase in (CarriedPhase.FOLLOWING, CarriedPhase.ADOPTING, CarriedPhase.CLOSING):
             text = "; ".join(said)
             if text != run.shown and run.run_id in self._runs:
@@ -590,11 +608,11 @@ class CarriedRuns:
         return BridgeTold(state, asked.has_token, asked.problem)
 
 
-def _late_run(record: RunRecord) -> FollowedRun:
-    """A run of the journal that has ended without some of its bridges."""
+def _late_run(record: RunRecord, names: BridgeNames) -> FollowedRun:
+    """A run of the journal that has ended without some bridges: those of fleet.yaml are told when they answer."""
     state, closing = record.state, record.state.closing
     outcome, reason = ("aborted", "") if closing is None else (closing.outcome.value, closing.reason)
-    bridges = {space: AskedBridge() for space in state.untold}
+    bridges = {space: AskedBridge() for space in state.untold if space in names}
     closed = (record.ended or 0.0, outcome, reason)
     return FollowedRun(record.run_id, frozenset(), CarriedPhase.CLOSING, bridges, closed=closed)
 

@@ -16,7 +16,7 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ScenarioError
 from ua_fleet.operation.log import Log
 from ua_fleet.operation.runs.adopting import Adopting
-from ua_fleet.operation.runs.carried_state import CarriedPhase, FollowedRun
+from ua_fleet.operation.runs.carried_state import BridgeNames, CarriedPhase, FollowedRun
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.runs.values import names_of
 from ua_fleet.scenario import Scenario
@@ -84,7 +84,7 @@ class Adoptions:
     ) -> None:
         """Connect the parts; `clock` is monotonic, `wall_s` the wall clock, both in seconds."""
         self._config, self._service, self._clock, self._wall_s, self._log = config, service, clock, wall_s, log
-        self._names = {bridge.space: name for name, bridge in config.bridges.items()}
+        self._names = BridgeNames({bridge.space: name for name, bridge in config.bridges.items()})
         self._after_s = config.scenarios.adopt_after_s
 
     def begin(self, run: FollowedRun, bridge: str, done: Sequence[str], by: str) -> Adopting:

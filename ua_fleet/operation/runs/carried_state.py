@@ -11,7 +11,15 @@ from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.orchestrator import BridgeTold
 from ua_fleet.scenario.facts import Fact
 
-__all__ = ["AskedBridge", "CarriedPhase", "FollowedRun"]
+__all__ = ["AskedBridge", "BridgeNames", "CarriedPhase", "FollowedRun"]
+
+
+class BridgeNames(dict[int, str]):
+    """The bridges of fleet.yaml by their spaces; one that a run knows and the file does not is named by its space."""
+
+    def __missing__(self, space: int) -> str:
+        """What to call it."""
+        return f"space {space}"
 
 
 class CarriedPhase(Enum):

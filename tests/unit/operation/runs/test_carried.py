@@ -226,6 +226,17 @@ def test_a_mistake_in_one_answer_costs_no_other_one(tmp_path: Path) -> None:
         assert asked.count((space, Word.FETCH)) >= 2, "it is asked on"
 
 
+def test_a_bridge_whose_pages_are_of_another_version_is_named_and_the_run_can_be_aborted(world: Carried) -> None:
+    run_id = world.begin()
+    before: dict[str, Any] = {"facts": [], "count": 0, "active": [], "waits": "", "closed": None, "decisions": []}
+    world.bridges.does[301, Word.FETCH] = answer(zlib.compress(encode_words(**before)))
+    assert world.asked(12.0).count((301, Word.FETCH)) >= 2, "it may be updated meanwhile"
+    assert world.reason() == "c1: it has another version of ua-fleet: update it, or abort the run"
+    world.carried.abort(run_id, "", "anna")
+    world.go(1.0)
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.ABORTED]
+
+
 def test_a_run_that_many_bridges_do_not_take_ends_with_a_reason_that_they_can_read(tmp_path: Path) -> None:
     world = Carried(tmp_path, 120)
     world.bridges.off = set(range(301, 420))
@@ -352,6 +363,22 @@ def test_a_late_answer_to_the_adoption_before_does_not_count_for_the_next_one(tm
     assert [one.part.epoch for one in adoptions(world, 300)] == [3]
 
 
+def test_a_late_answer_to_an_adoption_is_none_to_the_end_of_an_aborted_run(world: Carried) -> None:
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    world.bridges.does[302, Word.ADOPT] = None
+    world.carried.adopt(run_id, "c1", (), "anna")
+    world.go(0.5)
+    assert [space for space, word, *_ in world.bridges.open if word is Word.ADOPT] == [302]
+    world.carried.abort(run_id, "", "anna")
+    world.go(0.5)
+    world.bridges.does.clear()
+    asked = world.asked(1.0)  # only now it answers
+    assert (302, Word.END) in asked
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.ABORTED]
+
+
 def test_a_bridge_that_does_not_answer_now_is_no_heir(world: Carried) -> None:
     run_id = world.begin()
     world.bridges.off.add(301)
@@ -419,6 +446,61 @@ def test_a_server_that_is_started_again_tells_the_end_to_a_bridge_that_was_off(t
     (told,) = [content for space, word, content in again.bridges.contents if (space, word) == (301, Word.END)]
     assert decode_words(told) == {"run": run_id, "outcome": "aborted", "reason": "enough"}
     assert again.asked(11.0) == [], "it knows it now"
+
+
+def test_a_run_ends_without_a_bridge_that_was_left_out_and_is_taken_out_of_the_file(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 3)
+    run_id = world.begin()
+    world.bridges.off |= {301, 302}
+    world.carried.abort(run_id, "enough", "anna")
+    world.go(AWAY_S + 10)
+    world.carried.adopt(run_id, "c2", (), "anna")
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    again.go(1.0)
+    assert not again.mistakes.count, again.mistakes.text()
+    (ended,) = again.facts(RunEnded)
+    assert "space 302 did not know it" in ended.reason
+    assert not again.facts(RunAdopted), "it is in the journal already"
+    again.go(12.0)
+    again.journal.close()
+    last = Carried(tmp_path, 2)
+    assert last.asked(12.0) == [], "nobody is asked for a bridge that is not there"
+    assert last.carried.next_deadline(last.now) is None
+    assert not last.mistakes.count, last.mistakes.text()
+
+
+def test_a_run_that_was_under_way_is_followed_without_a_bridge_that_is_taken_out_of_the_file(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 3)
+    run_id = world.begin()
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    assert {(300, Word.FETCH), (301, Word.FETCH)} == set(again.asked(6.0))
+    assert again.reason() == "space 302: it is not in fleet.yaml"
+    again.carried.abort(run_id, "", "anna")
+    again.go(1.0)
+    assert [fact.outcome for fact in again.facts(RunEnded)] == [RunOutcome.ABORTED]
+    assert not again.mistakes.count, again.mistakes.text()
+    again.journal.close()
+    back = Carried(tmp_path, 3)
+    assert back.asked(12.0) == [(302, Word.END)], "it is told once it is there again"
+    assert not back.mistakes.count, back.mistakes.text()
+
+
+def test_an_adoption_in_whose_midst_the_bridge_leaves_the_file_can_be_aborted(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 3)
+    run_id = world.begin()
+    world.bridges.off |= {302}
+    world.go(AWAY_S + 10)
+    world.bridges.does |= {(space, Word.ADOPT): None for space in (300, 301)}
+    world.carried.adopt(run_id, "c2", (), "anna")
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    again.go(1.0)
+    again.carried.abort(run_id, "", "anna")
+    again.go(1.0)
+    assert [fact.outcome for fact in again.facts(RunEnded)] == [RunOutcome.ABORTED]
+    assert not again.mistakes.count, again.mistakes.text()
 
 
 def test_an_adoption_that_waits_for_a_bridge_says_so(world: Carried) -> None:

@@ -376,6 +376,7 @@ class _Carrier:
             "more": not page.is_last,
             "told": self._watch.facts_of(run_id),
             "active": [str(place) for place in held.active],
+            "holds": [str(place) for place in held.holds],
             "waits": self._outbox.waits(run_id) or held.stale,
             "closed": None if closed is None else [closed.at, closed.outcome, closed.reason],
             "decisions": [encode_decision(changed) for changed in self._decisions.get(run_id, {}).values()],

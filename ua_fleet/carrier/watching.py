@@ -3,7 +3,9 @@
     facts of segments, decisions, what is held and handed over --FLUSH_S later--> one message for each run with news
 
 What happens within FLUSH_S is one message, so that a step has two: it begins, and it has ended and its token is with
-the next bridge. One that is not acknowledged within HAND_OVER_S is told to be on its way.
+the next bridge. One that is not acknowledged within HAND_OVER_S is told to be on its way. One that has come and
+begins no task within HAND_OVER_S, since its run is paused or in doubt, or its step waits, is told by itself; so is one
+that is gone without the end of a task.
 """
 
 from __future__ import annotations
@@ -38,6 +40,10 @@ class _Watched:
 
     holds: tuple[int, ...] = ()
     hands_to: tuple[int, ...] = ()
+    has_told: bool = False
+    """Whether it has told last that it holds any."""
+    other_since: float | None = None
+    """Since when it is otherwise, by the clock of the loop."""
     outcome: str = ""
     tasks: dict[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
     """Name and robot of each task by its step, until the step has ended: rounds have steps of their own."""
@@ -106,13 +112,13 @@ class RunWatch:
     def look(self, holder: Holder) -> None:
         """See what is held now, and handed over: that a token has arrived which was told to be on its way is news.
 
-        What begins or ends with a token is told with the step.
+        What begins or ends with a token is told with the step, where that is within HAND_OVER_S.
         """
         sending = [sent for sent in holder.to_send() if isinstance(sent, SendToken)]
         for run_id, held in holder.runs.items():
             watched = self._runs.setdefault(run_id, _Watched())
             closed, told = held.closed, watched.hands_to
-            watched.holds = tuple([place.number for place in held.active])
+            watched.holds = tuple([place.number for place in held.holds])
             watched.hands_to = tuple(sorted({sent.road.space for sent in sending if sent.run_id == run_id}))
             if closed is not None and not watched.outcome:
                 watched.outcome = closed.outcome
@@ -121,6 +127,19 @@ class RunWatch:
                     self._soon(watched)
             elif told and not watched.hands_to and not watched.is_new:
                 self._soon(watched)
+            self._settle(watched)
+
+    def _settle(self, watched: _Watched) -> None:
+        """Have it told before long that it holds any now, or none, where no step tells so before."""
+        if bool(watched.holds) is watched.has_told:
+            watched.other_since = None
+        elif watched.other_since is None:
+            now = watched.other_since = self._ground.loop.time()
+            self._ground.loop.call_later(HAND_OVER_S, self._settled, watched, now)
+
+    def _settled(self, watched: _Watched, since: float) -> None:
+        if watched.other_since == since:  # else it was told meanwhile
+            self._soon(watched)
 
     def facts_of(self, run_id: str) -> int:
         """What is told of the facts of a run: more than before means that there are more of them."""
@@ -181,7 +200,8 @@ class RunWatch:
             watched.facts,
             watched.outcome,
         )
-        watched.changed, watched.ranking = [], ()
+        watched.changed, watched.ranking, watched.has_told = [], (), bool(watched.holds)
+        self._settle(watched)
         try:
             self.announce()
             for datagram in ground.publisher.publish(self._topic, values, timestamp=wall, now=now):

@@ -75,6 +75,16 @@ class HeldRun:
         return tuple(place for place in self.begun if place not in self.over)
 
     @property
+    def holds(self) -> tuple[SegmentRound, ...]:
+        """The segments of which this bridge has a token: under way, or yet to begin; none once the run is over here.
+
+        What is in a mailbox is only told of: it begins nothing.
+        """
+        places = dict.fromkeys([place for place, _ in self.tokens]) if self.closed is None else ()
+        waiting = [one for one in places if not self.part.segments[one.number].tells and not self.is_known(one)]
+        return (*self.active, *waiting)
+
+    @property
     def is_paused(self) -> bool:
         """Whether nothing is to be begun."""
         return self.pause is not None and self.pause.is_paused

@@ -144,6 +144,8 @@ class DeclaredAlarm:
     """ConditionName, as `rover.speed`."""
     kind: str
     """As of a ConditionInfo: `limit`, `off_normal`, `certificate` or `other`."""
+    is_put_aside: bool
+    """Whether it is disabled, suppressed or shelved: `conditions_told` tells of so many of these at most."""
 
 
 class _Events(Feed[Any]):
@@ -225,9 +227,7 @@ class _Watch:
     async def _put_aside(self) -> AsyncGenerator[ConditionInfo]:
         """Alarms that the refresh has not told, since they are inactive, and that are put aside."""
         with translated(self._endpoint):
-            (listed,) = await self._batches.read([ua.NodeId.from_string(_PUT_ASIDE)])
-            names: list[str] = list(listed.Value.Value or ()) if listed.Value is not None else []
-            ids = [f"ns=2;s=Alarms.{name}" for name in names]
+            ids = await _ids_put_aside(self._batches)
             left = [one for one in ids if one not in self._seen][:_MOST_READ]
             paths = [path.replace("/", ".") for path in _STANDARD]
             members = [ua.NodeId.from_string(f"{one}.{path}") for one in left for path in paths]
@@ -306,6 +306,13 @@ async def conditions_told(
         yield iterator
 
 
+async def _ids_put_aside(batches: Batches) -> list[str]:
+    """The ConditionIds of what is disabled, suppressed or shelved."""
+    (listed,) = await batches.read([ua.NodeId.from_string(_PUT_ASIDE)])
+    names: list[str] = list(listed.Value.Value or ()) if listed.Value is not None else []
+    return [f"ns=2;s=Alarms.{name}" for name in names]
+
+
 async def declared_alarms(batches: Batches, endpoint: str) -> list[DeclaredAlarm]:
     """The alarms of values, bridges and certificates that a server has, by their names.
 
@@ -314,8 +321,12 @@ async def declared_alarms(batches: Batches, endpoint: str) -> list[DeclaredAlarm
     """
     with translated(endpoint):
         (below,) = await batches.browse([ua.NodeId.from_string(_ALARMS)], classes=ua.NodeClass.Object)
+        put_aside = frozenset(await _ids_put_aside(batches))
     found = [
-        DeclaredAlarm(one.NodeId.to_string(), str(one.BrowseName.Name), _kind_of(one.TypeDefinition)) for one in below
+        DeclaredAlarm(
+            node := one.NodeId.to_string(), str(one.BrowseName.Name), _kind_of(one.TypeDefinition), node in put_aside
+        )
+        for one in below
     ]
     return sorted([one for one in found if one.kind != "dialog"], key=lambda one: one.name)
 

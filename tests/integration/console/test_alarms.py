@@ -98,7 +98,8 @@ async def test_what_is_put_aside_is_listed_though_no_refresh_tells_it(console: C
             assert "Unsuppress of an alarm" in denied["message"]
             # All are found by their names, whatever their state.
             found = (await browser.ask("alarm.list", text="SPEED rover")).json()["result"]
-            assert found == {"alarms": [{"id": "rover.speed", "node": ALARM, "kind": "limit"}], "all": 1}
+            speed = {"id": "rover.speed", "node": ALARM, "kind": "limit", "put_aside": True}
+            assert found == {"alarms": [speed], "all": 1}
             found = (await browser.ask("alarm.list", most=1)).json()["result"]
             assert found["all"] > len(found["alarms"]) == 1
             await done(erna, "alarm.unsuppress")

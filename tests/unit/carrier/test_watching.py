@@ -56,9 +56,11 @@ class Bridge:
         self.holder = Holder(300, lambda _fact: None)
         self.watch = RunWatch(300, 2, "cell", ground)
 
-    def begin(self) -> None:
+    def begin(self, *, is_paused: bool = False) -> None:
         part = PARTS[300]
         self.holder.take_part(encode_part(part), 1.0)
+        if is_paused:
+            self.holder.take_pause(RUN, True, "anna", 1.0)
         self.holder.take_token(encode_token(Token(RUN, part.plan_hash, 1, 0, 0), ()), 0, 1.0)
         self.watch.look(self.holder)
 
@@ -76,6 +78,10 @@ class Bridge:
                     names = [field.name for field in RUN_DATA_FIELDS]
                     found.append(dict(zip(names, part.values, strict=True)))
         return found
+
+    def settled(self) -> list[dict[str, Any]]:
+        """What is told where nothing happens for a while."""
+        return [*self.told(HAND_OVER_S), *self.told()]
 
 
 def assigned(step: str = "0", name: str = "one", robot: str = "a", attempt: int = 1) -> TaskAssigned:
@@ -133,6 +139,45 @@ def test_a_token_that_arrives_at_once_is_no_message_of_its_own() -> None:
     assert list(told["States"]) == ["assigned", "done"]
     assert list(told["HandsTo"]) == []
     assert bridge.told() == []
+
+
+def test_a_token_that_rests_is_told_once_and_so_is_one_that_is_gone_without_a_task() -> None:
+    bridge = Bridge()
+    bridge.begin(is_paused=True)
+    assert bridge.holder.runs[RUN].active == ()
+    assert bridge.told(HAND_OVER_S - FLUSH_S) == [], "mostly a task begins with it"
+    (rests,) = bridge.settled()
+    assert (list(rests["Holds"]), list(rests["Tasks"])) == ([0], [])
+    bridge.watch.look(bridge.holder)
+    assert bridge.settled() == []
+
+    bridge.holder.take_pause(RUN, False, "anna", 2.0)
+    bridge.watch.look(bridge.holder)
+    assert bridge.settled() == [], "it has it as before"
+    bridge.holder.segment_ended(RUN, SegmentRound(0), 2.0, results={})
+    (sending,) = bridge.holder.to_send()
+    assert isinstance(sending, SendToken)
+    bridge.holder.handed_over(sending, 3.0)
+    bridge.watch.look(bridge.holder)
+    (gone,) = bridge.settled()
+    assert (list(gone["Holds"]), list(gone["HandsTo"])) == ([], [])
+    assert bridge.settled() == []
+
+
+def test_what_a_step_tells_is_not_told_once_more() -> None:
+    bridge = Bridge()
+    bridge.begin()
+    bridge.watch.happened(RUN, assigned())
+    assert len(bridge.told()) == 1
+    bridge.watch.look(bridge.holder)
+    assert bridge.settled() == []
+
+
+def test_a_run_that_is_forgotten_is_told_no_more() -> None:
+    bridge = Bridge()
+    bridge.begin()
+    bridge.watch.forget(RUN)
+    assert bridge.settled() == []
 
 
 def test_a_fault_is_told_with_the_ranking() -> None:

@@ -39,6 +39,14 @@ class Batches:
         self.put_aside = put_aside
         self.reads = 0
 
+    async def browse(self, _node_ids: list[ua.NodeId], *, classes: int) -> list[list[ua.ReferenceDescription]]:
+        assert classes == ua.NodeClass.Object
+        return [[self.declared(name) for name in ("speed", *self.put_aside)]]
+
+    def declared(self, name: str) -> ua.ReferenceDescription:
+        node = ua.NodeId.from_string(f"ns=2;s=Alarms.{name}")
+        return ua.ReferenceDescription(NodeId=node, BrowseName=ua.QualifiedName(name, 2), TypeDefinition=LEVEL)
+
     async def read(self, node_ids: list[ua.NodeId]) -> list[ua.DataValue]:
         self.reads += len(node_ids)
         if node_ids[0].Identifier == "Fleet.Alarms.PutAside":
@@ -97,6 +105,13 @@ async def test_a_refresh_ends_with_all_that_is_there(watched: Watched) -> None:
     assert (aside.enabled, aside.retain, aside.is_shown, aside.is_put_aside) == (False, False, True, True)
     names = {f"ns=2;s=Alarms.{name}" for name in ("a", "also_told", "broken")}
     assert known == ConditionsKnown(frozenset(names), is_whole=True)
+
+
+async def test_what_is_declared_says_what_is_put_aside() -> None:
+    batches: Any = Batches(*[f"off_{number}" for number in range(conditions._MOST_READ + 1)])
+    found = await conditions.declared_alarms(batches, "opc.tcp://x")
+    assert [one.name for one in found if not one.is_put_aside] == ["speed"]
+    assert len(found) == conditions._MOST_READ + 2, "more than a refresh is followed by"
 
 
 async def test_a_refresh_whose_beginning_was_lost_is_not_whole(watched: Watched) -> None:

@@ -1,5 +1,6 @@
 """Feed `alarms`: the conditions that are to be looked at, of all robots or of one: faults, alarms of values, bridges
-and certificates, and what people have to decide. Keys are their ConditionIds.
+and certificates, and what people have to decide. Keys are their ConditionIds; `partial` is there while it is not known
+whether these are all, since a server with more than it has room for has told the last ones alone.
 
 One is shown while it is active, not acknowledged or not confirmed, and while it is disabled, suppressed or shelved.
 """
@@ -14,7 +15,9 @@ from ua_fleet.console.board import Board
 from ua_fleet.console.feeds.kinds import FeedKind, OfAnyRobot
 from ua_fleet.console.shown import harmless_value, shown_time
 
-__all__ = ["ALARMS", "follow_conditions", "robot_of"]
+__all__ = ["ALARMS", "PARTIAL_KEY", "follow_conditions", "robot_of"]
+
+PARTIAL_KEY: Final = "partial"
 
 
 def robot_of(info: ConditionInfo) -> str:
@@ -55,13 +58,24 @@ def _alarm(info: ConditionInfo) -> dict[str, Any]:
     }
 
 
-async def follow_conditions(client: FleetClient, board: Board, row: Callable[[ConditionInfo], Any]) -> None:
-    """Keep one value on a board for each condition that is to be looked at; `row` is None for those that are not."""
+async def follow_conditions(
+    client: FleetClient, board: Board, row: Callable[[ConditionInfo], Any], *, partial_key: str = ""
+) -> None:
+    """Keep one value on a board for each condition that is to be looked at; `row` is None for those that are not.
+
+    Args:
+        client: of the server.
+        board: gets the values, by their ConditionIds.
+        row: makes a value.
+        partial_key: has the value true while it is not known whether these are all; empty: nothing has.
+    """
     async with client.conditions() as told:
         async for one in told:
             if isinstance(one, ConditionsKnown):
                 if one.is_whole:
                     board.keep(set(one.node_ids))
+                elif partial_key:
+                    board.put(partial_key, True)
                 board.ready()
             elif (shown := row(one) if one.is_shown else None) is not None:
                 board.put(one.node_id, shown)
@@ -73,7 +87,7 @@ async def _run(client: FleetClient, parameters: OfAnyRobot, board: Board) -> Non
     def row(info: ConditionInfo) -> dict[str, Any] | None:
         return _alarm(info) if parameters.robot in ("", robot_of(info)) else None
 
-    await follow_conditions(client, board, row)
+    await follow_conditions(client, board, row, partial_key=PARTIAL_KEY)
 
 
 ALARMS: Final = FeedKind("alarms", OfAnyRobot, _run)

@@ -45,7 +45,10 @@ class Shelved(OfAlarm):
 async def _list(client: FleetClient, asked: Sought) -> dict[str, Any]:
     words = asked.text.lower().split()
     found = [one for one in await client.declared_alarms() if all(word in one.name.lower() for word in words)]
-    alarms = [{"id": harmless_value(one.name), "node": one.node_id, "kind": one.kind} for one in found[: asked.most]]
+    alarms = [
+        {"id": harmless_value(one.name), "node": one.node_id, "kind": one.kind, "put_aside": one.is_put_aside}
+        for one in found[: asked.most]
+    ]
     return {"alarms": alarms, "all": len(found)}
 
 
@@ -86,7 +89,7 @@ async def _disable(client: FleetClient, asked: OfAlarm) -> None:
 
 
 ALARM_OPERATIONS: Final = (
-    OperationKind("alarm.list", Sought, _list, "Browse of Fleet.Alarms", "observer"),
+    OperationKind("alarm.list", Sought, _list, "Browse of Fleet.Alarms, Read of PutAside", "observer"),
     OperationKind("alarm.acknowledge", OfEvent, _acknowledge, "Acknowledge of an alarm", "operator"),
     OperationKind("alarm.confirm", OfEvent, _confirm, "Confirm of an alarm", "operator"),
     OperationKind("alarm.comment", OfEvent, _comment, "AddComment of an alarm", "operator"),

@@ -536,6 +536,7 @@ class CarriedRuns:
         asked.is_caught_up = asked.is_caught_up or has_all
         # One that does not know yet that the run is over may have had a token since, and begun something.
         asked.is_complete = has_all and not words["active"] and words["closed"] is not None
+        asked.has_token = bool(words["holds"])  # of several runs of a bridge its DataSet repeats one alone
         asked.problem = str(words["waits"])
         if asked.problem or words["closed"] is not None:
             asked.next_at = self._clock() + CLOSING_S

@@ -58,7 +58,7 @@ class AskedBridge:
     is_heard: bool = False
     """Whether its DataSet of runs is heard: then it tells when it has more."""
     has_token: bool = False
-    """Whether it has one of the run, as its DataSet of runs has said last."""
+    """Whether it has one of the run, as its DataSet of runs or its answer has said last."""
     is_complete: bool = False
     """Whether it knows that the run is over, does nothing for it, and has no more facts."""
 

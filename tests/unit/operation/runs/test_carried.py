@@ -68,10 +68,10 @@ def answer(content: bytes = b"") -> RequestOutcome:
     return RequestOutcome(OutcomeKind.ACCEPTED, report)
 
 
-def page(*facts: str, closed: str = "") -> RequestOutcome:
-    """What a bridge says that has these facts, and whose run has ended so."""
+def page(*facts: str, closed: str = "", holds: tuple[str, ...] = ()) -> RequestOutcome:
+    """What a bridge says that has these facts, whose run has ended so, and that has tokens of these segments."""
     words: dict[str, Any] = {"facts": facts, "last": len(facts), "more": False, "told": len(facts)}
-    words |= {"active": [], "waits": "", "decisions": []}
+    words |= {"active": [], "holds": holds, "waits": "", "decisions": []}
     words["closed"] = [50.0, closed, ""] if closed else None
     return answer(zlib.compress(encode_words(**words)))
 
@@ -520,6 +520,15 @@ def test_an_adoption_that_waits_for_a_bridge_says_so(world: Carried) -> None:
     assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.ABORTED]
 
 
+def test_a_bridge_says_whether_it_has_the_token_where_its_data_set_was_not_heard(world: Carried) -> None:
+    run_id = world.begin()
+    world.tell_token(300, run_id, (0,))
+    world.bridges.does[301, Word.FETCH] = page(holds=("1",))  # it tells of another run by its DataSet
+    world.go(32.0)
+    waits = ("answers", False)
+    assert world.bridges_told() == {"c0": waits, "c1": ("answers", True), "c2": waits}
+
+
 def test_where_the_token_is_and_which_bridge_can_be_left_out_is_shown(world: Carried) -> None:
     run_id = world.begin()
     waits, silent = ("answers", False), ("silent", True)
@@ -530,6 +539,7 @@ def test_where_the_token_is_and_which_bridge_can_be_left_out_is_shown(world: Car
     world.tell_token(301, run_id, (1,))
     world.tell_token(302, "another run", (1,))
     assert world.bridges_told() == {"c0": waits, "c1": ("answers", True), "c2": waits}
+    world.bridges.does[301, Word.FETCH] = page(holds=("1",))
     world.bridges.off.add(301)
     world.go(12.0)
     assert world.bridges_told()["c1"] == ("away", True)

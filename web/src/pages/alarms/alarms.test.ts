@@ -3,6 +3,7 @@ import {
   type Alarm,
   type ToldEvent,
   actsOf,
+  alarmsOf,
   askedOf,
   conditionState,
   eventsOf,
@@ -14,6 +15,7 @@ import {
   selectedEvents,
   severityBand,
   sortedAlarms,
+  untoldAside,
 } from './alarms';
 
 const alarm = (id: string, more: Partial<Alarm> = {}): Alarm => ({
@@ -135,9 +137,9 @@ it('selects events, the newest first', () => {
 
 it('takes the alarms that are told away from all that there are', () => {
   const declared = [
-    { id: 'rover.speed', node: 'ns=2;s=Alarms.rover.speed', kind: 'limit' as const },
-    { id: 'cell.Online', node: 'ns=2;s=Alarms.cell.Online', kind: 'off_normal' as const },
-    { id: 'new', node: 'ns=2;s=Alarms.new', kind: 'limit' as const },
+    { id: 'rover.speed', node: 'ns=2;s=Alarms.rover.speed', kind: 'limit' as const, put_aside: false },
+    { id: 'cell.Online', node: 'ns=2;s=Alarms.cell.Online', kind: 'off_normal' as const, put_aside: false },
+    { id: 'new', node: 'ns=2;s=Alarms.new', kind: 'limit' as const, put_aside: false },
   ];
   const quiet = inactiveAlarms(declared, new Map([['ns=2;s=Alarms.new', alarm('new')]]));
   expect(selectedAlarms(quiet, { text: '', filter: 'inactive', kind: '' }).map((one) => one.id)).toEqual([
@@ -150,6 +152,23 @@ it('takes the alarms that are told away from all that there are', () => {
   ]);
   expect(quiet.map(placeOf)).toEqual([{ page: 'robot', rest: ['rover'] }, null]);
   expect(selectedAlarms(quiet, { text: '', filter: 'all', kind: '' })).toEqual([]);
+});
+
+it('takes for inactive no alarm that is put aside, told or not', () => {
+  const declared = ['told', 'untold', 'quiet'].map((id) => ({
+    ...{ id, node: `ns=2;s=Alarms.${id}`, kind: 'limit' as const, put_aside: id !== 'quiet' },
+  }));
+  const told = new Map([['ns=2;s=Alarms.told', alarm('told', { enabled: false })]]);
+  expect(inactiveAlarms(declared, told).map((one) => one.id)).toEqual(['quiet']);
+  expect(untoldAside(declared, told).map((one) => one.id)).toEqual(['untold']);
+});
+
+it('takes that there may be more alarms for none of them', () => {
+  const entries = new Map<string, Alarm | true>([
+    ['partial', true],
+    ['ns=2;s=Alarms.a', alarm('a')],
+  ]);
+  expect([...alarmsOf(entries).values()].map((one) => one.id)).toEqual(['a']);
 });
 
 it('takes what became of the history for no event', () => {

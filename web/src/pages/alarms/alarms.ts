@@ -60,15 +60,36 @@ export interface DeclaredAlarm {
   id: string;
   node: string;
   kind: AlarmKind;
+  /** Whether it was disabled, suppressed or shelved then. */
+  put_aside: boolean;
+}
+
+/** What the feed `alarms` has while it is not known whether its alarms are all. */
+export const PARTIAL_KEY = 'partial';
+
+/** The alarms of the feed, without what else it tells. */
+export function alarmsOf(entries: ReadonlyMap<string, Alarm | true>): Map<string, Alarm> {
+  const alarms = new Map(entries as ReadonlyMap<string, Alarm>);
+  alarms.delete(PARTIAL_KEY);
+  return alarms;
+}
+
+/** The declared alarms that are put aside and that the feed does not tell of: it reads the first ones alone. */
+export function untoldAside(
+  declared: readonly DeclaredAlarm[],
+  told: ReadonlyMap<string, Alarm>,
+): readonly DeclaredAlarm[] {
+  return declared.filter((one) => one.put_aside && !told.has(one.node));
 }
 
 /**
- * The declared alarms that no feed tells: inactive, acknowledged, and put aside by nobody. So all that is known of them is
- * their names, and they have no event yet that somebody could acknowledge or comment on.
+ * The declared alarms that the feed does not tell, where that tells of all that want somebody: inactive, acknowledged, and
+ * put aside by nobody. So all that is known of them is their names, and they have no event yet that somebody could
+ * acknowledge or comment on.
  */
 export function inactiveAlarms(declared: readonly DeclaredAlarm[], told: ReadonlyMap<string, Alarm>): Alarm[] {
   return declared
-    .filter((one) => !told.has(one.node))
+    .filter((one) => !one.put_aside && !told.has(one.node))
     .map(({ id, node, kind }) => ({
       ...{ id, node, kind, event: '', source: id, source_node: '', reason: '', capacities: [], message: '' },
       // Only values of robots have limits.

@@ -205,6 +205,8 @@ def test_a_paused_run_takes_tokens_and_begins_them_when_it_goes_on(bridge: Bridg
     assert bridge.holder.take_pause("run", True, "anna", 1.0) == []
     assert bridge.holder.take_token(bridge.token(), 300, 2.0) == []
     assert bridge.again().again(3.0) == []
+    held = bridge.holder.runs["run"]
+    assert (held.active, held.holds) == ((), (SegmentRound(1),)), "it waits here"
     (begun,) = bridge.again().take_pause("run", False, "anna", 4.0)
     assert isinstance(begun, Begin)
     assert begun.values == {"one.out": 2.0}

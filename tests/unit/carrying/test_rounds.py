@@ -111,6 +111,7 @@ def test_what_comes_to_a_mailbox_is_told_to_who_hears_it(is_before: bool) -> Non
     tell = Tell("run", SegmentRound(HEARING), "one", True, {"out": 4.0})
     if is_before:
         assert bridge.holder.take_token(mail(MailSlot.DONE, 4.0), 300, 1.0) == []
+        assert bridge.holder.runs["run"].holds == (), "what is in a mailbox begins nothing"
         begun, told = bridge.holder.take_token(begins, 300, 2.0)
     else:
         (begun,) = bridge.holder.take_token(begins, 300, 1.0)

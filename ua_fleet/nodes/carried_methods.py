@@ -56,7 +56,7 @@ class CarriedMethods:
             MethodArgument("Bridge", _TEXT, "a bridge of it that does not answer"),
             MethodArgument("IsOff", _FLAG, "whether it is off, and stays so until this is done"),
             MethodArgument("Done", _TEXTS, "tasks that its robots have done and no bridge reported, or their steps"),
-        ), (MethodArgument("Heir", _TEXT, "the bridge that goes on for it"),))  # fmt: skip
+        ), (MethodArgument("Heir", _TEXT, "who goes on for it; empty where the run ends without it"),))  # fmt: skip
 
     async def _adopt(self, run_id: str, bridge: str, is_off: bool, done: list[str]) -> Sequence[Any]:
         if not is_off:

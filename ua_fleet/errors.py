@@ -14,6 +14,7 @@
       SkillError
         SkillRejected | SkillTimeout | SkillFailed | RobotOffline
           RobotBusy                              a SkillRejected: what is refused now may be taken later
+          NotAnnounced                           a RobotOffline: its Action is asked for, and may come soon
       ScenarioError
         ScenarioInvalid(problems) | NoCandidate | JudgementsInvalid(problems)
       BridgeUnavailable(extra)                   a package or service that a bridge needs is missing
@@ -51,6 +52,7 @@ __all__ = [
     "LocalWireError",
     "MessageTooLarge",
     "NoCandidate",
+    "NotAnnounced",
     "NotConnected",
     "RemoteWireError",
     "RobotBusy",
@@ -234,6 +236,10 @@ class RobotOffline(SkillError):
 
     ua_status = StatusCode.BAD_NO_COMMUNICATION
     remedy = "See with `ua-fleet status` whether the bridge runs and hears its robot."
+
+
+class NotAnnounced(RobotOffline):
+    """No bridge has announced the Action; it is asked for, so that a later call may find it."""
 
 
 class ScenarioError(UaFleetError):

@@ -13,6 +13,7 @@ Roles are looked after before, by the endpoint: an operator may call all of them
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final, NamedTuple, Protocol
@@ -22,7 +23,7 @@ from asyncua import ua
 
 from ua_fleet.endpoint.convert import node_id
 from ua_fleet.endpoint.stack import GOOD, Refusal, StatusCodes, status
-from ua_fleet.errors import LocalWireError, RobotBusy, RobotOffline
+from ua_fleet.errors import LocalWireError, NotAnnounced, RobotBusy, RobotOffline
 from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.skills import SkillModel, argument_problem
 from ua_fleet.nodes.skill_nodes import SHARED_METHODS
@@ -39,6 +40,10 @@ __all__ = ["SkillMethods", "SkillRequests"]
 _log: Any = structlog.get_logger("ua_fleet.server")
 
 _INVALID: Final = StatusCodes.BadInvalidArgument
+_ANNOUNCED_WITHIN_S: Final = 2.0
+"""So long a Start waits for an Action that its bridge is asked to announce: the first second of a server. A Method has
+three seconds."""
+_LOOK_S: Final = 0.05
 
 
 class SkillRequests(Protocol):
@@ -134,7 +139,7 @@ class SkillMethods:
 
     async def _start(self, parent: ua.NodeId, *arguments: ua.Variant) -> Any:
         offered = self._offered(parent)
-        robot, skill, key, topic = offered
+        robot, skill, key, _ = offered
         given = tuple([argument.Value for argument in arguments])
         problems = [argument_problem(declared, value) for declared, value in zip(skill.arguments, given, strict=True)]
         if any(problems):
@@ -148,9 +153,7 @@ class SkillMethods:
             ]
             return result
         try:
-            named = self._checked(offered, given)
-            execution_id = secrets.token_bytes(EXECUTION_ID_BYTES)
-            self._requests.request(topic, robot.name, skill.name, named, skill.timeout_s, execution_id)
+            execution_id = await self._requested(offered, given)
         except Exception as error:
             if (code := getattr(error, "ua_status", None)) is not None:
                 reason = f"{status_name(code)}: {error}"
@@ -159,6 +162,22 @@ class SkillMethods:
         self._free_at[key] = self._clock() + skill.limits.least_interval_s
         self._put(self._tracker.requested(key, execution_id, self._wall_ticks()))
         return [ua.Variant(execution_id.hex(), ua.VariantType.String)]
+
+    async def _requested(self, offered: _Offered, given: tuple[Any, ...]) -> bytes:
+        """Ask the robot, once its Action is announced; what may be asked is looked at each time. The execution's id."""
+        robot, skill, _, topic = offered
+        execution_id = secrets.token_bytes(EXECUTION_ID_BYTES)
+        until = self._clock() + _ANNOUNCED_WITHIN_S
+        while True:
+            named = self._checked(offered, given)
+            try:
+                self._requests.request(topic, robot.name, skill.name, named, skill.timeout_s, execution_id)
+            except NotAnnounced:
+                if self._clock() >= until:
+                    raise
+                await asyncio.sleep(_LOOK_S)
+            else:
+                return execution_id
 
     def _checked(self, offered: _Offered, given: tuple[Any, ...]) -> NamedArguments:
         """The arguments by their names; raises Refusal for what the skill's limits, or its robot, do not allow now."""

@@ -120,7 +120,7 @@ async def test_a_robot_is_driven_and_a_server_that_is_killed_stops_it(
                 while True:
                     await lease.drive({"linear": SPEED})
         await hall.until(lambda speeds: speeds[-1].at > last and not speeds[-1].linear, "heard")
-        began, ended = stop_of(hall.speeds("heard"), last)
+        began, ended = await stop_of(hall, last)
         assert began - last < DEADMAN_S + PERIOD_S + SLACK_S
         assert ended - began < STOP_S + 3 * PERIOD_S + SLACK_S
         await stands(hall, last)

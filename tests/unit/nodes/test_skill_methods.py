@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import importlib
 from collections.abc import Mapping
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 from tests.unit.nodes.skilled import STATUS, TURN, model, said
 from ua_fleet.endpoint.convert import node_id
 from ua_fleet.endpoint.stack import StatusCodes
-from ua_fleet.errors import RobotOffline, UaFleetError
+from ua_fleet.errors import NotAnnounced, RobotOffline, UaFleetError
 from ua_fleet.nodes.skill_methods import SkillMethods
 from ua_fleet.operation.skills.tracker import SkillTracker, SkillTransitioned
 from ua_fleet.pubsub.events import SourceSilent
@@ -127,6 +128,40 @@ async def test_what_could_not_be_asked_leaves_no_trace() -> None:
     assert (bench.moves, bench.tracker.under_way(TURN)) == ([], 0)
     bench.error = None
     await bench.start()
+
+
+async def test_a_start_waits_for_the_actions_announcement() -> None:
+    bench = Bench()
+    bench.error = NotAnnounced("asked for")
+    call = asyncio.ensure_future(bench.start())
+    await asyncio.sleep(0)
+    assert (call.done(), bench.asked, bench.moves) == (False, [], [])
+    bench.error = None
+    (returned,) = await call
+    assert [returned.Value] == [asked[4].hex() for asked in bench.asked]
+    assert bench.moves == ["ReadyToRunning"]
+
+
+async def test_a_start_that_waits_asks_nothing_of_a_robot_that_fell_silent() -> None:
+    bench = Bench()
+    bench.tracker.apply(said(), 1)
+    bench.error = NotAnnounced("asked for")
+    call = asyncio.ensure_future(bench.start())
+    await asyncio.sleep(0)
+    bench.tracker.apply(SourceSilent(STATUS), 2)
+    bench.error = None
+    assert await refused(call) == StatusCodes.BadNoCommunication
+    assert bench.asked == []
+
+
+async def test_an_action_that_nobody_announces_is_refused_in_time_for_the_client() -> None:
+    bench = Bench()
+    bench.error = NotAnnounced("asked for")
+    call = asyncio.ensure_future(bench.start())
+    await asyncio.sleep(0)
+    bench.now = 2.0
+    assert await refused(call) == StatusCodes.BadNoCommunication
+    assert (bench.moves, bench.asked) == ([], [])
 
 
 async def test_a_silent_robot_is_not_asked() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from ua_fleet.errors import LocalWireError, RobotOffline, SkillRejected
+from ua_fleet.errors import LocalWireError, NotAnnounced, SkillRejected
 from ua_fleet.pubsub.metadata import field_property, type_codes
 from ua_fleet.skill.executions import CONTROL_BITS, Target
 from ua_fleet.topics import Topic
@@ -93,8 +93,8 @@ def target_of(action: ActionMetaDataAnnouncement, robot: str) -> int:
     return named[0]
 
 
-def not_announced(topic: Topic) -> RobotOffline:
+def not_announced(topic: Topic) -> NotAnnounced:
     """The error where nobody has announced an Action."""
-    return RobotOffline(
+    return NotAnnounced(
         f"no bridge announces the Action {topic.name}; check that the bridge of space {topic.space} runs"
     )

@@ -41,8 +41,8 @@ _log: Any = structlog.get_logger("ua_fleet.server")
 
 _INVALID: Final = StatusCodes.BadInvalidArgument
 _ANNOUNCED_WITHIN_S: Final = 2.0
-"""So long a Start waits for an Action that its bridge is asked to announce: the first second of a server. A Method has
-three seconds."""
+"""A bridge is asked to announce a skill's Action when the server learns of the skill. So long after that a Start waits
+for the answer, and what its client asks for meanwhile waits with it; later nobody waits for a bridge that is away."""
 _LOOK_S: Final = 0.05
 
 
@@ -116,6 +116,8 @@ class SkillMethods:
         self._server, self._requests, self._tracker = server, requests, tracker
         self._put, self._clock, self._wall_ticks = put, clock, wall_ticks
         self._skills: dict[ua.NodeId, _Offered] = {}
+        self._since: dict[NodeId, float] = {}
+        """When the server learned of a skill."""
         self._free_at: dict[NodeId, float] = {}
         """When a skill may be asked for again."""
         calls = {"Suspend": self._suspend, "Resume": self._resume, "Halt": self._halt, "Reset": self._reset}
@@ -130,12 +132,15 @@ class SkillMethods:
             keys = SkillKeys(robot.ns, skill.id)
             topic = Topic(robot.skill_status.space, robot.ns, skill.id)
             self._skills[node_id(keys.object)] = _Offered(robot, skill, keys.object, topic)
+            self._since[keys.object] = self._clock()
             self._server.link_method(self._server.get_node(node_id(keys.part("Start"))), self._start)
 
     def remove(self, robot: RobotModel) -> None:
         """Let the skills of a robot not be called any more."""
         for skill in robot.skills:
-            self._skills.pop(node_id(SkillKeys(robot.ns, skill.id).object), None)
+            key = SkillKeys(robot.ns, skill.id).object
+            self._skills.pop(node_id(key), None)
+            self._since.pop(key, None)
 
     async def _start(self, parent: ua.NodeId, *arguments: ua.Variant) -> Any:
         offered = self._offered(parent)
@@ -165,15 +170,14 @@ class SkillMethods:
 
     async def _requested(self, offered: _Offered, given: tuple[Any, ...]) -> bytes:
         """Ask the robot, once its Action is announced; what may be asked is looked at each time. The execution's id."""
-        robot, skill, _, topic = offered
+        robot, skill, key, topic = offered
         execution_id = secrets.token_bytes(EXECUTION_ID_BYTES)
-        until = self._clock() + _ANNOUNCED_WITHIN_S
         while True:
             named = self._checked(offered, given)
             try:
                 self._requests.request(topic, robot.name, skill.name, named, skill.timeout_s, execution_id)
             except NotAnnounced:
-                if self._clock() >= until:
+                if self._clock() >= self._since.get(key, 0.0) + _ANNOUNCED_WITHIN_S:
                     raise
                 await asyncio.sleep(_LOOK_S)
             else:

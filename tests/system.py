@@ -185,18 +185,38 @@ def missing(part: str) -> str | None:
 
 _PORTS = range(20_000, 32_768)
 """Below what the system gives outgoing connections: one of these could take a port before the test listens on it."""
-_last_port = [random.choice(_PORTS)]
-os.register_at_fork(after_in_child=lambda: _last_port.append(random.choice(_PORTS)))  # else all forks try the same
+_BLOCK = 32
+"""Ports that one process gives to its tests, and no other process of tests meanwhile."""
+_block: list[tuple[socket.socket, Iterator[int]]] = []
+os.register_at_fork(after_in_child=_block.clear)
 
 
 def free_tcp_port() -> int:
-    """A port of loopback that nobody listens on; another one each time."""
-    for _ in _PORTS:
-        port = _last_port[-1] = _PORTS[(_PORTS.index(_last_port[-1]) + 1) % len(_PORTS)]
-        with socket.socket() as probe, contextlib.suppress(OSError):
-            probe.bind(("127.0.0.1", port))
-            return port
+    """A port of loopback that nobody listens on; another one each time, also beside other processes of tests."""
+    for _ in range(2 * len(_PORTS) // _BLOCK):
+        if not _block:
+            _block.append(_claimed_block())
+        for port in _block[0][1]:
+            with socket.socket() as probe, contextlib.suppress(OSError):
+                probe.bind(("127.0.0.1", port))
+                return port
+        _block.pop()[0].close()
     raise RuntimeError(f"no port from {_PORTS[0]} to {_PORTS[-1]} is free")
+
+
+def _claimed_block() -> tuple[socket.socket, Iterator[int]]:
+    """Ports in a row, and the lock by which they are this process's: a name in this network namespace, as a port is."""
+    firsts = list(_PORTS[::_BLOCK])
+    random.shuffle(firsts)
+    for first in firsts:
+        lock = socket.socket(socket.AF_UNIX)
+        try:
+            lock.bind(f"\0ua-fleet-test-ports-{first}")
+        except OSError:
+            lock.close()
+            continue
+        return lock, iter(range(first, min(first + _BLOCK, _PORTS.stop)))
+    raise RuntimeError("all ports are other tests'")
 
 
 def free_multicast_url() -> str:

@@ -53,6 +53,11 @@ def test_every_run_ends_as_it_would_orchestrated_and_nothing_is_done_twice(seeds
     assert not found, f"{found}\n{said}"
 
 
+def test_rounds_that_a_bridge_has_done_alone_before_it_was_off_are_not_done_again() -> None:
+    found = {seed: problems for seed in range(WRONG) if (problems := judged(seed, is_alone=True))}
+    assert not found, found
+
+
 def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
     worlds = [World(seed) for seed in range(60)]
     carried = [world for world in worlds if not world.problems]
@@ -102,6 +107,10 @@ def test_a_pause_that_is_not_written_down_is_found() -> None:
 
 def test_an_adoption_without_an_epoch_is_found() -> None:
     assert is_found(FEW, no_epoch=True)
+
+
+def test_an_adoption_that_does_not_know_what_nobody_has_heard_of_to_be_over_is_found() -> None:
+    assert is_found(is_alone=True, has_proof=False)
 
 
 def test_execution_ids_without_the_round_are_found() -> None:

@@ -9,7 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 
 from ua_fleet.carrying import Part, Plan, PlanView, parts_of, split
-from ua_fleet.carrying.adoption import adopted_places, begun_slots, heir_of, may_be_heir, plan_without_all
+from ua_fleet.carrying.adoption import (
+    NO_ROUND,
+    adopted_places,
+    begun_slots,
+    heir_of,
+    may_be_heir,
+    plan_without_all,
+)
 from ua_fleet.config.connections import connection_numbers
 from ua_fleet.config.relays import speakers_on
 from ua_fleet.config.schema import FleetConfig
@@ -23,6 +30,7 @@ from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.facts import Fact, RunAdopted, RunCarried, RunCreated, encode_fact
 from ua_fleet.scenario.state import RunState
 from ua_fleet.topics import SERVER_SPACE
+from ua_fleet.values import StatusCode
 
 __all__ = ["Adoptions", "plan_view"]
 
@@ -70,6 +78,28 @@ def _before(facts: Sequence[Fact], also: Collection[int]) -> list[Fact]:
     return [fact for fact in facts if not (isinstance(fact, RunAdopted) and fact.space in also)]
 
 
+class RoundsUnknown(ScenarioError):
+    """A bridge may have done rounds that nobody has heard of: its heir would have robots do them again."""
+
+    ua_status = StatusCode.BAD_INVALID_STATE
+
+    def __init__(self, run_id: str, bridge: str, task: str, heard: str) -> None:
+        """Say what a person has to see, and how to say it.
+
+        Args:
+            run_id: the run.
+            bridge: that is off.
+            task: one of the repetition.
+            heard: the round of which was heard last; empty where none was.
+        """
+        known = f"round {heard} was heard of last" if heard else "no round was heard of"
+        super().__init__(
+            f"{bridge} may have done more rounds of {task} alone: {known}, and the server has not fetched all of its"
+            f" facts; see at its robots which round they have done last, counted from 0, and name it: ua-fleet scenario"
+            f" adopt {run_id} {bridge} --off --done {task}@ROUND; where they have done no more: --done {task}@{NO_ROUND}"
+        )
+
+
 class Adoptions:
     """What can be adopted of carried runs, and what the bridges are told then."""
 
@@ -106,6 +136,8 @@ class Adoptions:
         heir = self._heir(facts, run, (*also, space))
         said = RunAdopted(self._wall_s(), space, heir, (*said_before, *done), by, also)
         made = self._made(run.run_id, facts, said)
+        if run.bridges[space].may_have_more and (unknown := made.unknown_rounds()) is not None:
+            raise RoundsUnknown(run.run_id, bridge, *unknown)
         made.content_for(heir)  # refuses what is too large, before anything is written down
         return made
 

@@ -17,11 +17,25 @@ from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ScenarioError
 from ua_fleet.operation.runs.carried import OFFER_S, CarriedRuns
+from ua_fleet.operation.runs.carried_adoption import RoundsUnknown
 from ua_fleet.orchestrator import BridgesFollowed, RunChanged, TaskWaiting
 from ua_fleet.pubsub.carry_action import Word
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.pubsub.run_data import RUN_DATA_FIELDS, RUN_DATA_ID, RUN_DATA_TYPES, run_data_topic
-from ua_fleet.scenario.facts import RunAdopted, RunClosing, RunEnded, RunOutcome
+from ua_fleet.scenario.facts import (
+    IterationStarted,
+    RunAdopted,
+    RunClosing,
+    RunEnded,
+    RunOutcome,
+    StepEnded,
+    StepState,
+    TaskAssigned,
+    TaskOutcome,
+    TaskOver,
+    Then,
+    encode_fact,
+)
 from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome, pack
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode
@@ -183,9 +197,9 @@ class Carried(World):
         told = [one.bridges for one in self.said if isinstance(one, BridgesFollowed)][-1]
         return {f"c{space - 300}": (one.state, one.has_token) for space, one in told.items()}
 
-    def tell_token(self, space: int, run_id: str, holds: tuple[int, ...]) -> None:
-        """A bridge tells by its DataSet which segments it has the tokens of."""
-        values = (run_id, holds, (), (), (), (), "", (), (), 0, "")
+    def tell_token(self, space: int, run_id: str, holds: tuple[int, ...], count: int = 0) -> None:
+        """A bridge tells by its DataSet which segments it has the tokens of, and how many facts."""
+        values = (run_id, holds, (), (), (), (), "", (), (), count, "")
         metadata = DataSetMetaData("Runs", RUN_DATA_FIELDS, ConfigurationVersion(1, 1))
         message = DataSetMessage(RUN_DATA_ID, FrameKind.KEY, types=RUN_DATA_TYPES, values=values, timestamp=1)
         self.carried.follow(DataReceived(run_data_topic(space, 2), message, metadata))
@@ -320,7 +334,8 @@ def test_two_bridges_that_are_off_at_once_are_left_out_one_after_the_other(world
     world.go(1.0)
     (told,) = adoptions(world, 302)
     assert (told.part.epoch, told.gone, set(told.part.segments)) == (3, (301, 300), {0, 1, 2})
-    assert set(told.facts) == {"0", "1"}, "what the person has said of both counts"
+    assert set(told.facts) == {"1"}, "what the person has said of both counts"
+    assert sorted(slot.segment for slot in told.filled) == [0, 1], "the second one proves that the first one is over"
     assert [[*fact.also, fact.space] for fact in world.facts(RunAdopted)] == [[301], [301, 300]]
     assert (302, Word.FETCH) in world.asked(6.0), "the run goes on"
     world.bridges.does[302, Word.FETCH] = page(closed="done")
@@ -554,3 +569,104 @@ def test_where_the_token_is_and_which_bridge_can_be_left_out_is_shown(world: Car
     world.carried.adopt(run_id, "c1", (), "anna")
     world.go(6.0)
     assert world.bridges_told() == {"c0": waits, "c2": waits}
+
+
+ALONE = """version: 1
+name: alone
+parameters: {with_others: false}
+steps:
+  - {task: first, skill: work, robot: r0}
+  - repeat:
+      - {task: one, skill: work, robot: r1}
+      - if: with_others
+        then: [{task: two, skill: work, robot: r2}, {task: three, skill: work, robot: r0}]
+    times: 10000
+  - {task: last, skill: work, robot: r0}
+"""
+
+
+def begin_alone(world: Carried) -> str:
+    """A run most of which c1 does alone; no other bridge knows how far it is."""
+    checked, found = world.carried.check(ALONE)
+    assert not checked.problems + found.problems
+    run_id = world.carried.start(checked.scenario, (), (), "anna")
+    world.go(1.0)
+    return run_id
+
+
+def done_alone(number: int) -> tuple[str, ...]:
+    step, execution_id = f"1.repeat.0@{number}", f"{number:032x}"
+    facts = (
+        IterationStarted(10.0, "1", number),
+        TaskAssigned(10.0, step, "one", 1, "r1", execution_id, "work"),
+        TaskOver(10.0, step, 1, TaskOutcome.DONE, Then.DONE),
+        StepEnded(10.0, step, StepState.DONE),
+    )
+    return tuple([encode_fact(fact) for fact in facts])
+
+
+def adopted_by(world: Carried, space: int) -> Adoption:
+    """What a bridge was told last."""
+    told = [content for each, word, content in world.bridges.contents if (each, word) == (space, Word.ADOPT)]
+    return decode_adoption(told[-1])
+
+
+def test_the_heir_knows_that_rounds_are_over_which_nobody_has_fetched(world: Carried) -> None:
+    """The server was away for most of them, and the bridge has forgotten all but the last ones since."""
+    world.bridges.does[301, Word.FETCH] = page(*done_alone(0), *done_alone(1), *done_alone(4998), *done_alone(4999))
+    run_id = begin_alone(world)
+    world.go(10.0)
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    heir = world.carried.adopt(run_id, "c1", (), "anna")
+    world.go(5.0)
+    told = adopted_by(world, {"c0": 300, "c2": 302}[heir])
+    assert sorted(told.facts) == ["2@4999"], "what is sent of it is the last round alone"
+    assert (2, (4999,)) in [(slot.segment, slot.rounds) for slot in told.filled]
+
+
+def test_rounds_that_a_bridge_may_have_done_alone_have_to_be_named_by_a_person(tmp_path: Path) -> None:
+    """The server has not heard the bridge since its own start."""
+    world = Carried(tmp_path)
+    world.bridges.does[301, Word.FETCH] = page(*done_alone(0), *done_alone(1))
+    run_id = begin_alone(world)
+    world.go(10.0)
+    world.journal.close()
+    again = Carried(tmp_path)
+    again.bridges.off.add(301)
+    again.go(AWAY_S + 10)
+    for said in ((), ("one",), ("first",)):
+        with pytest.raises(ScenarioError, match="c1 may have done more rounds of one alone: round 1 was heard of last"):
+            again.carried.adopt(run_id, "c1", said, "anna")
+    with pytest.raises(RoundsUnknown, match=f"adopt {run_id} c1 --off --done one@ROUND") as refused:
+        again.carried.adopt(run_id, "c1", (), "anna")
+    assert refused.value.ua_status == StatusCode.BAD_INVALID_STATE
+    assert not again.facts(RunAdopted)
+    heir = again.carried.adopt(run_id, "c1", ("one@4711",), "anna")
+    again.go(5.0)
+    told = adopted_by(again, {"c0": 300, "c2": 302}[heir])
+    assert sorted(told.facts) == ["2@4711"]
+    assert not again.mistakes.count, again.mistakes.text()
+
+
+def test_a_person_says_that_a_bridge_has_done_no_more_rounds_than_were_heard_of(world: Carried) -> None:
+    world.bridges.does[301, Word.FETCH] = page(*done_alone(0), *done_alone(1))
+    run_id = begin_alone(world)
+    world.go(10.0)
+    world.tell_token(301, run_id, (2,), count=12)
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    with pytest.raises(RoundsUnknown):
+        world.carried.adopt(run_id, "c1", (), "anna")
+    heir = world.carried.adopt(run_id, "c1", ("one@none",), "anna")
+    world.go(5.0)
+    assert sorted(adopted_by(world, {"c0": 300, "c2": 302}[heir]).facts) == ["2@1"]
+
+
+def test_a_bridge_all_of_which_was_fetched_is_adopted_without_a_word_of_its_rounds(world: Carried) -> None:
+    world.bridges.does[301, Word.FETCH] = page(*done_alone(0), *done_alone(1))
+    run_id = begin_alone(world)
+    world.go(10.0)
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    assert world.carried.adopt(run_id, "c1", (), "anna") in ("c0", "c2")

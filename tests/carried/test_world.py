@@ -10,11 +10,12 @@ from typing import Any, Final
 import pytest
 
 from tests.carried.judge import problems_of
-from tests.carried.world import World
-from ua_fleet.carrying import Part
+from tests.carried.world import ADOPT_S, RUN, World
+from ua_fleet.carrying import Part, encode_part, parts_of
 from ua_fleet.carrying.facts import PauseTold
-from ua_fleet.carrying.part import PartSegment, Road
+from ua_fleet.carrying.part import PartSegment, Road, decode_part
 from ua_fleet.carrying.plan import Segment
+from ua_fleet.carrying.whole_plan import plan_of
 from ua_fleet.scenario.effects import StartTask
 
 FEW: Final = 400
@@ -82,6 +83,18 @@ def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
     assert sum(world.offs[0].is_done for world in carried) >= 5
     assert sum(world.adoptions > 1 for world in carried) >= 2
     assert sum(off.is_both and off.is_done for world in carried for off in world.offs) >= 1
+
+
+def test_a_plan_is_made_again_of_all_its_parts() -> None:
+    worlds = [world for seed in range(60) if not (world := World(seed, is_alone=seed % 3 == 0)).problems]
+    assert len(worlds) >= 45
+    for world in worlds:
+        read = {space: decode_part(encode_part(part)) for space, part in world.parts.items()}
+        again = parts_of(plan_of(read), RUN, "made", {}, "x", adopt_after_s=ADOPT_S)
+        assert plan_of(read).last == world.plan.last
+        assert {space: encode_part(part) for space, part in again.items()} == {
+            space: encode_part(part) for space, part in world.parts.items()
+        }
 
 
 def is_found(seeds: int = WRONG, **wrong: Any) -> bool:

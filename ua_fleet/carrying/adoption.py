@@ -16,6 +16,7 @@ import zlib
 from collections.abc import Collection, Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, replace
 from functools import reduce
+from types import MappingProxyType
 from typing import Any, Final
 
 from ua_fleet.carrying.part import (
@@ -31,7 +32,7 @@ from ua_fleet.carrying.plan import Plan, PlanView, missing_requestors
 from ua_fleet.carrying.proof import FilledSlot, proved_over
 from ua_fleet.carrying.token import SegmentRound, Token
 from ua_fleet.scenario import Scenario, Value
-from ua_fleet.scenario.facts import Fact, IterationStarted, StepEnded, StepState, TaskAnswered, Then
+from ua_fleet.scenario.facts import Fact, IterationStarted, StepEnded, StepState, TaskAnswered, TaskOver, Then
 from ua_fleet.scenario.model import BranchPoint, Task
 from ua_fleet.scenario.model import Sequence as Steps
 from ua_fleet.scenario.state import RunState, TaskPhase
@@ -55,6 +56,7 @@ __all__ = [
     "plan_without",
     "plan_without_all",
     "proved_over",
+    "results_heard",
     "rounds_said",
 ]
 
@@ -193,21 +195,53 @@ def rounds_said(tasks: Iterable[Task], done: Iterable[str]) -> list[tuple[int, .
     return [None if rounds == NO_ROUND else _rounds_of(f"@{rounds}") for rounds in named]
 
 
-def begun_places(segments: Mapping[int, PartSegment], places: Mapping[SegmentRound, Sized]) -> list[FilledSlot]:
+def begun_places(
+    segments: Mapping[int, PartSegment],
+    places: Mapping[SegmentRound, Sized],
+    results: Mapping[str, Value] = MappingProxyType({}),
+) -> list[FilledSlot]:
     """The newest of each of these segments of which something was heard, or said by a person: it was begun.
 
-    Whose bridge is off for good may have forgotten the rounds before, as it may that have no end: a repetition has one
+    Whose bridge is off for good may have forgotten the rounds before, however many they were: a repetition has one
     round at a time, so that all before it are over, whether or not anybody has heard of them.
+
+    Args:
+        segments: of the bridges that are off.
+        places: with what is known of each.
+        results: of tasks, by `task.result`: the newest that were heard. A token of another bridge may be of a round
+            before.
     """
     newest: dict[int, tuple[int, ...]] = {}
     for place, known in places.items():
         if known and place.rounds >= newest.get(place.number, place.rounds):
             newest[place.number] = place.rounds
     return [
-        FilledSlot(number, slot, "", {}, rounds, segments[number].loops)
+        FilledSlot(number, slot, "", {name: results[name] for name in needs if name in results}, rounds, one.loops)
         for number, rounds in newest.items()
-        for slot in range(segments[number].slots)
+        for one in (segments[number],)
+        for slot, needs in enumerate(one.needs)
     ]
+
+
+def results_heard(
+    segments: Mapping[int, PartSegment], places: Mapping[SegmentRound, Sequence[Fact]], results: Mapping[str, Value]
+) -> dict[str, Value]:
+    """Results without those of tasks whose last round a person has named: what is known is of a round before.
+
+    Args:
+        segments: of the bridges that are off.
+        places: with what was heard of each, and then what the person says.
+        results: of tasks, by `task.result`, as they were heard.
+    """
+    said: set[str] = set()
+    for slot in begun_places(segments, places):
+        facts = places[SegmentRound(slot.segment, slot.rounds)]
+        heard = {fact.step for fact in facts if isinstance(fact, TaskOver)}
+        ended = {fact.step for fact in facts if isinstance(fact, StepEnded)}
+        ended |= {fact.step for fact in facts if isinstance(fact, TaskAnswered) and fact.then is Then.DONE}
+        keys = {step.partition("@")[0] for step in ended - heard}
+        said |= {task.name for task in segments[slot.segment].tasks() if task.key in keys}
+    return {name: value for name, value in results.items() if name.partition(".")[0] not in said}
 
 
 def _by_rounds(segment: PartSegment, facts: Iterable[Fact]) -> dict[tuple[int, ...], list[Fact]]:

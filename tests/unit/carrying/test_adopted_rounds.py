@@ -28,6 +28,7 @@ from ua_fleet.carrying.adoption import (
     needed_places,
     plan_without,
     proved_over,
+    results_heard,
 )
 from ua_fleet.carrying.facts import CarryFact
 from ua_fleet.carrying.part import PartSegment
@@ -248,6 +249,36 @@ def test_a_bridge_goes_round_alone_where_it_needs_no_token_of_another_one() -> N
     assert len(heads(300, {"repeat": [often], "times": 9})) == 2
     between = {"repeat": [often, task("six", "b")], "times": 9}
     assert len(heads(300, between)) == 1, "the inner one alone"
+
+
+def test_the_newest_result_that_was_heard_counts_and_none_of_a_round_before_the_one_that_a_person_names() -> None:
+    read = plan(
+        {
+            "repeat": [
+                task("one", "a"),
+                {"if": "one.out > 5", "then": [task("two", "b"), task("three", "c", arguments={"x": "=one.out"})]},
+            ],
+            "times": 9,
+        },
+        task("after", "a", arguments={"x": "=one.out"}),
+        task("last", "b"),
+    )
+    gone = dict(parts_of(read, "run", "made", {}, "anna")[300].segments)
+    (one,) = [each for each in gone.values() if "one" in [found.name for found in each.tasks()]]
+    (after,) = [each for each in gone.values() if "after" in [found.name for found in each.tasks()]]
+    step, name = f"{one.tasks()[0].key}@7", "one.out"
+    heard: list[Fact] = [
+        replace(ASSIGNED, step=step),
+        TaskOver(3.0, step, 1, TaskOutcome.DONE, Then.DONE, results={"out": 7.0}),
+        StepEnded(3.0, step, StepState.DONE),
+    ]
+    places = adopted_places(one, heard, [], 9.0, "anna")
+    assert results_heard(gone, places, {name: 7.0}) == {name: 7.0}
+    places = adopted_places(one, heard, ["one@8"], 9.0, "anna")
+    assert results_heard(gone, places, {name: 7.0, "two.out": 1.0}) == {"two.out": 1.0}
+    assert name in after.needs[0]
+    own = begun_places(gone, adopted_places(after, [], ["after"], 9.0, "anna"), {name: 7.0})
+    assert own == [FilledSlot(after.number, 0, "", {name: 7.0}, (), ())]
 
 
 def test_the_first_fact_of_a_segment_is_of_no_step() -> None:

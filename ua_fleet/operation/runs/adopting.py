@@ -59,7 +59,7 @@ class Adopting:
         part = self.parts[space]
         adoption = Adoption(part, self.gone, self.said.by)
         if space == self.said.heir:
-            own = begun_places(self.segments, self.facts)
+            own = begun_places(self.segments, self.facts, self.results)
             filled = (*[slot for slots in self.filled.values() for slot in slots], *own)
             facts = needed_places(self.segments, self.facts, (*filled, *self.begun))
             adoption = Adoption(part, self.gone, self.said.by, filled, self.results, facts, self.stand_ins)

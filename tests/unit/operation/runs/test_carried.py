@@ -143,12 +143,16 @@ class Carried(World):
     def __init__(self, folder: Path, count: int = 3) -> None:
         super().__init__(folder, heard=(), config=config(count))
         self.bridges, self.count = Bridges(), count
+        self.carried = self.with_bridges(count)
+
+    def with_bridges(self, count: int) -> CarriedRuns:
+        """Who has so many bridges in the file."""
 
         def commands(*, told: Callable[[bytes, RequestOutcome], None], **_: object) -> Any:
             self.bridges.told = told
             return self.bridges
 
-        self.carried = CarriedRuns(
+        return CarriedRuns(
             config(count),
             self.service,
             commands,
@@ -491,7 +495,8 @@ def test_a_run_that_was_under_way_is_followed_without_a_bridge_that_is_taken_out
     world.journal.close()
     again = Carried(tmp_path, 2)
     assert {(300, Word.FETCH), (301, Word.FETCH)} == set(again.asked(6.0))
-    assert again.reason() == "space 302: it is not in fleet.yaml"
+    assert again.reason().startswith("space 302: it is not in fleet.yaml any more, and what it has of the run does not")
+    assert f"or abort the run: ua-fleet scenario abort {run_id}" in again.reason()
     again.carried.abort(run_id, "", "anna")
     again.go(1.0)
     assert [fact.outcome for fact in again.facts(RunEnded)] == [RunOutcome.ABORTED]
@@ -670,3 +675,84 @@ def test_a_bridge_all_of_which_was_fetched_is_adopted_without_a_word_of_its_roun
     world.bridges.off.add(301)
     world.go(AWAY_S + 10)
     assert world.carried.adopt(run_id, "c1", (), "anna") in ("c0", "c2")
+
+
+def test_a_bridge_that_is_taken_out_of_the_file_is_adopted_as_one_that_is_off(tmp_path: Path) -> None:
+    """The plan is known although the fleet has none of its robots any more."""
+    world = Carried(tmp_path, 3)
+    run_id = world.begin()
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    again.go(1.0)
+    assert "have another bridge go on 20 s after the server began: ua-fleet scenario adopt" in again.reason()
+    assert again.bridges_told()["c2"] == ("away", False)
+    with pytest.raises(ScenarioError, match="any more, and can be left out 20 s after the server began"):
+        again.carried.adopt(run_id, "space 302", (), "anna")
+    again.go(AWAY_S)
+    assert again.reason().endswith(f"have another bridge go on: ua-fleet scenario adopt {run_id} 'space 302' --off"), (
+        again.reason()
+    )
+    assert again.bridges_told()["c2"] == ("silent", False)
+    assert again.carried.adopt(run_id, "space 302", ("t2",), "anna") == "c0"
+    again.go(3.0)
+    told = adopted_by(again, 300)
+    assert (told.part.epoch, told.gone, set(told.part.segments)) == (2, (302,), {0, 2})
+    assert set(told.facts) == {"2"}
+    assert again.reason() == ""
+    assert "c2" not in again.bridges_told()
+    again.bridges.does |= {(space, Word.FETCH): page(closed="done") for space in (300, 301)}
+    again.go(7.0)
+    (ended,) = again.facts(RunEnded)
+    assert (ended.outcome, ended.reason) == (RunOutcome.DONE, "")
+    assert not again.mistakes.count, again.mistakes.text()
+
+
+def test_two_bridges_that_are_taken_out_of_the_file_are_left_out_as_one(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 4)
+    run_id = world.begin()
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    again.go(AWAY_S + 1)
+    assert again.carried.adopt(run_id, "space 302", (), "anna") == "c0"
+    again.go(3.0)
+    assert (300, Word.ADOPT) not in [(space, word) for space, word, _ in again.bridges.contents], "303 does not know it"
+    assert f"ua-fleet scenario adopt {run_id} 'space 303' --off" in again.reason()
+    assert again.carried.adopt(run_id, "space 303", (), "anna") == "c0"
+    again.go(3.0)
+    told = adopted_by(again, 300)
+    assert (told.part.epoch, told.gone) == (3, (302, 303))
+    assert {2, 3} <= set(told.part.segments)
+    again.journal.close()
+    last = Carried(tmp_path, 2)
+    last.go(3.0)
+    assert adopted_by(last, 300) == told, "a server that is started again says the same"
+    assert not last.mistakes.count, last.mistakes.text()
+
+
+def test_a_run_none_of_whose_bridges_is_in_the_file_any_more_can_be_aborted_alone(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 2)
+    run_id = world.begin()
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    again.carried = again.with_bridges(0)
+    again.go(AWAY_S + 1)
+    assert "ua-fleet scenario adopt" not in again.reason()
+    with pytest.raises(ScenarioError, match="no other bridge of the run may take the place"):
+        again.carried.adopt(run_id, "space 300", (), "anna")
+    again.carried.abort(run_id, "", "anna")
+    again.go(1.0)
+    assert [fact.outcome for fact in again.facts(RunEnded)] == [RunOutcome.ABORTED]
+
+
+def test_a_fleet_that_has_changed_since_a_run_began_does_not_keep_it_from_being_adopted(tmp_path: Path) -> None:
+    """Another one of its bridges has left; and the time after which one may be left out is another one."""
+    world = Carried(tmp_path, 3)
+    run_id = world.begin()
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    again.bridges.off.add(301)
+    again.go(AWAY_S + 10)
+    assert again.carried.adopt(run_id, "c1", (), "anna") == "c0"
+    assert again.carried.adopt(run_id, "space 302", (), "anna") == "c0"
+    again.go(3.0)
+    assert adopted_by(again, 300).gone == (301, 302)

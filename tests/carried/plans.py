@@ -11,7 +11,7 @@ from ua_fleet.fleet.skills import ArgumentModel, SkillModel
 from ua_fleet.scenario import FleetView, RobotView, Scenario, scenario_of
 from ua_fleet.values import BuiltinType
 
-__all__ = ["VIEW", "robot_space", "scenario_by"]
+__all__ = ["VIEW", "alone_by", "robot_space", "scenario_by"]
 
 SPACES: Final = (300, 301, 302, 303)
 _DOUBLE: Final = int(BuiltinType.DOUBLE)
@@ -133,3 +133,23 @@ def scenario_by(random: Random) -> Scenario:
     known.append(steps[0]["task"])
     steps += writer.steps(known, list(ROBOTS), 2)
     return scenario_of(json.dumps({"version": 1, "name": "made", "steps": steps}))
+
+
+def alone_by(random: Random) -> Scenario:
+    """A scenario most rounds of which one bridge does without any other one."""
+    writer, robots = _Writer(random), list(ROBOTS)
+    here = [robot for robot in robots if robot_space(robot) == robot_space("r1")]
+    seldom = _seldom(writer, random.choice((101, 101, 20)))
+    rounds: list[dict[str, Any]] = [writer.task([], here), seldom]
+    if random.random() < 0.5:
+        rounds.insert(random.randint(0, 2), {"repeat": [writer.task([], here), _seldom(writer, 101)], "times": 3})
+    loop = {"repeat": rounds, "times": random.randint(3, 6)}
+    steps = [writer.task([], robots), loop, *[writer.task([], here) for _ in range(random.randint(0, 1))]]
+    if random.random() < 0.3:
+        steps[1] = {"parallel": [[loop], [writer.task([], robots)]]}
+    return scenario_of(json.dumps({"version": 1, "name": "made", "steps": [*steps, writer.task([], ["r2"])]}))
+
+
+def _seldom(writer: _Writer, level: int) -> dict[str, Any]:
+    """What two other bridges do, where the level of a robot is above this: of 101 it never is."""
+    return {"if": f"r5.level > {level}", "then": [writer.task([], ["r2"]), writer.task([], ["r3"])]}

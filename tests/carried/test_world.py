@@ -10,11 +10,12 @@ from typing import Any, Final
 import pytest
 
 from tests.carried.judge import problems_of
-from tests.carried.world import World
-from ua_fleet.carrying import Part
+from tests.carried.world import ADOPT_S, RUN, World
+from ua_fleet.carrying import Part, encode_part, parts_of
 from ua_fleet.carrying.facts import PauseTold
-from ua_fleet.carrying.part import PartSegment, Road
+from ua_fleet.carrying.part import PartSegment, Road, decode_part
 from ua_fleet.carrying.plan import Segment
+from ua_fleet.carrying.whole_plan import plan_of
 from ua_fleet.scenario.effects import StartTask
 
 FEW: Final = 400
@@ -53,6 +54,11 @@ def test_every_run_ends_as_it_would_orchestrated_and_nothing_is_done_twice(seeds
     assert not found, f"{found}\n{said}"
 
 
+def test_rounds_that_a_bridge_has_done_alone_before_it_was_off_are_not_done_again() -> None:
+    found = {seed: problems for seed in range(WRONG) if (problems := judged(seed, is_alone=True))}
+    assert not found, found
+
+
 def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
     worlds = [World(seed) for seed in range(60)]
     carried = [world for world in worlds if not world.problems]
@@ -79,6 +85,18 @@ def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
     assert sum(off.is_both and off.is_done for world in carried for off in world.offs) >= 1
 
 
+def test_a_plan_is_made_again_of_all_its_parts() -> None:
+    worlds = [world for seed in range(60) if not (world := World(seed, is_alone=seed % 3 == 0)).problems]
+    assert len(worlds) >= 45
+    for world in worlds:
+        read = {space: decode_part(encode_part(part)) for space, part in world.parts.items()}
+        again = parts_of(plan_of(read), RUN, "made", {}, "x", adopt_after_s=ADOPT_S)
+        assert plan_of(read).last == world.plan.last
+        assert {space: encode_part(part) for space, part in again.items()} == {
+            space: encode_part(part) for space, part in world.parts.items()
+        }
+
+
 def is_found(seeds: int = WRONG, **wrong: Any) -> bool:
     """Whether any world finds it."""
     return any(judged(seed, **wrong) for seed in range(seeds))
@@ -102,6 +120,10 @@ def test_a_pause_that_is_not_written_down_is_found() -> None:
 
 def test_an_adoption_without_an_epoch_is_found() -> None:
     assert is_found(FEW, no_epoch=True)
+
+
+def test_an_adoption_that_does_not_know_what_nobody_has_heard_of_to_be_over_is_found() -> None:
+    assert is_found(is_alone=True, has_proof=False)
 
 
 def test_execution_ids_without_the_round_are_found() -> None:

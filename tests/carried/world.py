@@ -15,7 +15,7 @@ from itertools import count
 from random import Random
 from typing import Any, Final
 
-from tests.carried.plans import ROBOTS, VIEW, robot_space, scenario_by
+from tests.carried.plans import ROBOTS, VIEW, alone_by, robot_space, scenario_by
 from ua_fleet.carrying import (
     AskEpoch,
     Begin,
@@ -42,6 +42,7 @@ from ua_fleet.carrying.adoption import (
     Adoption,
     FilledSlot,
     adopted_places,
+    begun_places,
     begun_slots,
     encode_adoption,
     needed_places,
@@ -109,6 +110,8 @@ class Robots:
     fails: Callable[[str, int], bool]
     broken: frozenset[str] = frozenset()
     """Robots with a fault, which begin nothing: another one does what they are to do."""
+    are_seen: bool = True
+    """Whether a person sees what robots have begun whose bridge is off, and is asked; else another robot begins it."""
     identity: Callable[[StartTask, int], str] = lambda effect, _attempt: f"{effect.robot}/{effect.execution_id}"
     begun: list[Begun] = field(default_factory=list[Begun])
     by_id: dict[str, Begun] = field(default_factory=dict[str, Begun])
@@ -194,7 +197,8 @@ class Engine:
         """Have a robot begin, and tell its end."""
         attempt = self.runs[run_id].state.tasks[effect.step].attempt
         # What a robot has begun before its bridge went off is not known, so that a person is asked, who sees it.
-        is_asked = robot_space(effect.robot) in self.gone and self.robots.has(effect, attempt)
+        is_gone = robot_space(effect.robot) in self.gone
+        is_asked = is_gone and self.robots.are_seen and self.robots.has(effect, attempt)
         if not self.works(effect.robot) and not is_asked:
             self.later(0.0, partial(self.end, run_id, effect, TaskOutcome.FAULT, {}))
             return
@@ -441,6 +445,8 @@ class Off:
         is_one_left = len(spaces) < (2 if before is None or before.is_done else 3)
         self.at = END_S * 2 if is_one_left else random.choice((END_S * 2, soon))
         self.until = random.choice((END_S * 2, self.at + random.uniform(15.0, 60.0)))
+        if world.is_alone and before is None:
+            self.space, self.at, self.until = robot_space("r1"), random.uniform(10.0, 30.0), END_S * 2
         self.adopted: float | None = None
         """When the person has said it."""
         self.filled: dict[int, tuple[FilledSlot, ...]] = {}
@@ -490,7 +496,8 @@ class Off:
             if space != self.heir and space not in self.filled:
                 self._tell(world.bridges[space], Adoption(part, self.gone, "x"))
         if not self.is_done and self.filled.keys() >= self.parts.keys() - {self.heir}:
-            filled = tuple([one for slots in self.filled.values() for one in slots])
+            own = begun_places(self.segments, self.facts) if world.has_proof else []
+            filled = (*[one for slots in self.filled.values() for one in slots], *own)
             results = {f"{one.task}.out": one.result for one in world.robots.begun if not one.fails}
             facts = needed_places(self.segments, self.facts, (*filled, *self.begun))
             adoption = Adoption(self.parts[self.heir], self.gone, "x", filled, dict(results), facts)
@@ -523,6 +530,9 @@ class Off:
         random, found = Random(f"fetched {self.world.seed} {self.epoch}"), list[FilledSlot]()
         for space in self.parts:
             own = [one for one in parts[space].segments.values() if self.world.plan.segments[one.number].space == space]
+            if self.world.is_brief:
+                found += begun_slots(own, self._fetched(space))
+                continue
             lines = [line for one in self.world.bridges[space].all_segments.values() for line in one]
             fetched = [decode_fact(line) for line in lines]
             fetched.sort(key=lambda fact: fact.at)
@@ -533,7 +543,9 @@ class Off:
         """What the server has fetched before it was off, which may not be all; and what robots have done in truth."""
         done = [one.step for one in self.world.robots.begun if not one.fails]
         fetched: list[Fact] = []
-        for lines in victim.all_segments.values():
+        if self.world.is_brief:
+            done, fetched = _last_rounds(done), self._fetched(victim.space)
+        for lines in victim.all_segments.values() if not self.world.is_brief else ():
             fetched += [decode_fact(line) for line in lines[: self.random.randint(0, len(lines))]]
         fetched.sort(key=lambda fact: fact.at)
         facts: dict[SegmentRound, tuple[str, ...]] = {}
@@ -541,6 +553,11 @@ class Off:
             for place, said in adopted_places(segment, fetched, done, self.world.now, "x").items():
                 facts[place] = tuple([encode_fact(fact) for fact in said])
         return facts
+
+    def _fetched(self, space: int) -> list[Fact]:
+        """What the server has fetched of a bridge in truth: not what it had forgotten by then."""
+        facts = [decode_fact(line) for lines in self.world.fetched.get(space, {}).values() for line in lines]
+        return sorted(facts, key=lambda fact: fact.at)
 
     def _tell(self, bridge: Bridge, adoption: Adoption) -> None:
         world, content = self.world, encode_adoption(adoption, encode_part(adoption.part))
@@ -564,6 +581,17 @@ class Off:
         world.carry(0, bridge.space, lambda: world.refusable(bridge, take))
 
 
+def _last_rounds(steps: list[str]) -> list[str]:
+    """The last round of each step, which is all that a person has seen of what robots have done."""
+    newest: dict[str, str] = {}
+    for step in steps:
+        key, *rounds = step.split("@")
+        known = newest.get(key, key).split("@")[1:]
+        if [int(number) for number in rounds] >= [int(number) for number in known]:
+            newest[key] = step
+    return list(newest.values())
+
+
 class World:
     """One run, decided by its seed."""
 
@@ -577,6 +605,8 @@ class World:
         forgets: type[CarryFact] | None = None,
         no_epoch: bool = False,
         forgets_again: bool = False,
+        has_proof: bool = True,
+        is_alone: bool = False,
     ) -> None:
         """Make it.
 
@@ -588,17 +618,24 @@ class World:
             no_epoch: a wrong adoption, after which a bridge cannot tell a token from one before it.
             forgets: a kind of fact that a wrong journal leaves out.
             forgets_again: a wrong holder, which does not know that it could not write a fact.
+            is_alone: whether one bridge does most of it, so that no other one knows how far it is.
+            has_proof: False: a wrong adoption, in which the rounds that nobody has heard of are not known to be over.
         """
         self.random = Random(seed)
         self.seed, self.now, self.is_lazy, self.kills = seed, 0.0, is_lazy, 0
         self.compacted = 0
-        self.forgets, self.forgets_again = forgets, forgets_again
+        self.forgets, self.forgets_again, self.has_proof = forgets, forgets_again, has_proof
+        self.is_alone = is_alone
+        self.is_brief = is_alone or Random(f"person {seed}").random() < 0.5
+        """Whether the server knows of bridges what it has fetched, and people the last round of each task alone."""
+        self.fetched: dict[int, dict[str, list[str]]] = {}
+        """Lines of each segment of each bridge, as the server has fetched them."""
         self.full, self.refused = Random(f"full {seed}"), 0
         self.full_rate = self.full.choice((0.0, 0.0, 0.05, 0.3))
         """How often a disk has no room for a fact; how often that was so is in `refused`."""
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = count()
-        self.scenario = scenario_by(Random(f"scenario {seed}"))
+        self.scenario = (alone_by if is_alone else scenario_by)(Random(f"scenario {seed}"))
         plan, problems = split(self.scenario, VIEW)
         self.problems = problems
         if plan is None:
@@ -607,6 +644,7 @@ class World:
         self.loss = self.random.choice((0.0, 0.3, 0.3))
         self.kill_rate = self.random.choice((0.0, 0.02, 0.08))
         self.robots = Robots(fails_by(seed), broken_by(seed))
+        self.robots.are_seen = not is_alone
         if identity is not None:
             self.robots.identity = identity
         self.parts = parts(parts_of(plan, RUN, "made", {}, "x", adopt_after_s=0.0 if no_epoch else ADOPT_S))
@@ -615,6 +653,8 @@ class World:
         self.cuts = [self._cut() for _ in range(self.random.randint(0, 3))]
         self.server_dies_at = self.random.choice((END_S * 2, self.random.uniform(0.0, 20.0)))
         self.server_is_back_at = self.random.choice((END_S * 2, self.server_dies_at + self.random.uniform(1.0, 90.0)))
+        if is_alone:
+            self.server_dies_at, self.server_is_back_at = self.random.uniform(3.0, 9.0), self.random.uniform(20.0, 50.0)
         self.pauses_at = self.random.choice((END_S * 2, self.random.uniform(1.0, 20.0)))
         self.resumes_at = self.pauses_at + self.random.uniform(1.0, 60.0)
         self.paused_told: set[int] = set()
@@ -690,13 +730,15 @@ class World:
 
     def carry(self, source: int, target: int, work: Callable[[], None]) -> None:
         """Bring a message: late, twice, or not at all."""
-        is_cut = any(begin <= self.now < end and (source in some) != (target in some) for begin, end, some in self.cuts)
         is_bad = self.now < HEALED_S
-        if is_cut or (is_bad and self.random.random() < self.loss):
+        if self._is_cut_off(source, target) or (is_bad and self.random.random() < self.loss):
             return
         self.at(self.now + self.random.uniform(0.001, 2.0 if is_bad else 0.01), work)
         if is_bad and self.random.random() < 0.2:
             self.at(self.now + self.random.uniform(0.5, 100.0), work)
+
+    def _is_cut_off(self, source: int, target: int) -> bool:
+        return any(begin <= self.now < end and (source in some) != (target in some) for begin, end, some in self.cuts)
 
     def say(self, bridge: Bridge, sent: Send) -> None:
         """A bridge tells another one, which acknowledges it."""
@@ -785,6 +827,8 @@ class World:
             return
         for space, part in self.parts.items():
             bridge = self.bridges[space]
+            if bridge.is_up and not self._is_cut_off(0, space):
+                self.fetched.setdefault(space, {}).update({key: list(one) for key, one in bridge.segments.items()})
             if self.is_closing:
                 if space not in self.ended_told:
                     self._tell_server_end(bridge)

@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, replace
 from functools import reduce
+from types import MappingProxyType
 from typing import Any, Final
 
 from ua_fleet.carrying.part import (
@@ -31,16 +32,18 @@ from ua_fleet.carrying.plan import Plan, PlanView, missing_requestors
 from ua_fleet.carrying.proof import FilledSlot, proved_over
 from ua_fleet.carrying.token import SegmentRound, Token
 from ua_fleet.scenario import Scenario, Value
-from ua_fleet.scenario.facts import Fact, IterationStarted, StepEnded, StepState, TaskAnswered, Then
+from ua_fleet.scenario.facts import Fact, IterationStarted, StepEnded, StepState, TaskAnswered, TaskOver, Then
 from ua_fleet.scenario.model import BranchPoint, Task
 from ua_fleet.scenario.model import Sequence as Steps
 from ua_fleet.scenario.state import RunState, TaskPhase
 
 __all__ = [
+    "NO_ROUND",
     "Adoption",
     "FilledSlot",
     "adopted_facts",
     "adopted_places",
+    "begun_places",
     "begun_slots",
     "decode_adoption",
     "decode_filled",
@@ -53,8 +56,12 @@ __all__ = [
     "plan_without",
     "plan_without_all",
     "proved_over",
+    "results_heard",
+    "rounds_said",
 ]
 
+NO_ROUND: Final = "none"
+"""What a person says with a task, as `task@none`, of which no round was done that was not heard of."""
 _UNDER_WAY: Final = (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED, TaskPhase.HALTING, TaskPhase.ASKED, TaskPhase.LOST)
 
 
@@ -106,7 +113,9 @@ def may_be_heir(plan: Plan, gone: Iterable[int], heir: int, view: PlanView) -> b
 
 def _of_steps(steps: Iterable[Any], facts: Iterable[Fact]) -> list[tuple[str, Fact]]:
     """The facts of these steps, and of those within them, with the key of the step in its round."""
-    keys = {each.key for each in Scenario("", Steps("", 0, tuple(steps))).steps()}
+    keys = {each.key for each in Scenario("", Steps("", 0, tuple(steps))).steps()} - {
+        ""
+    }  # which each segment begins with
     told = [(getattr(fact, "step", ""), fact) for fact in facts]
     return [(step, fact) for step, fact in told if step and step.partition("@")[0] in keys]
 
@@ -155,7 +164,7 @@ def adopted_places(
 
     A task that the person names without its round is one of the last round.
     """
-    steps, loops = segment.body.steps, len(segment.loops)
+    steps, loops, done = segment.body.steps, len(segment.loops), _by_keys(segment, done)
     if steps and isinstance(point := steps[-1], BranchPoint) and point.is_loop:
         return _decided_rounds(segment.number, point, facts)
     heard, told = _by_rounds(segment, facts), dict[tuple[int, ...], list[str]]()
@@ -169,6 +178,70 @@ def adopted_places(
         names = done if each == last else told.get(each, ())
         found[SegmentRound(segment.number, each)] = adopted_facts(steps, heard.get(each, ()), names, at, by, each)
     return found
+
+
+def _by_keys(segment: PartSegment, done: Iterable[str]) -> list[str]:
+    """What a person names with its round, as `task@41`, by the keys of steps; all else as it was said."""
+    keys = {task.name: task.key for task in segment.tasks()}
+    said = [(name, *name.partition("@")) for name in done]
+    return [f"{keys.get(task, task)}@{rounds}" if at else name for name, task, at, rounds in said]
+
+
+def rounds_said(tasks: Iterable[Task], done: Iterable[str]) -> list[tuple[int, ...] | None]:
+    """In which rounds a person says that some of these tasks were done; None: in none but those that were heard of."""
+    names = {name for task in tasks for name in (task.name, task.key)}
+    said = [name.partition("@") for name in done]
+    named = [rounds for task, at, rounds in said if at and task in names]
+    return [None if rounds == NO_ROUND else _rounds_of(f"@{rounds}") for rounds in named]
+
+
+def begun_places(
+    segments: Mapping[int, PartSegment],
+    places: Mapping[SegmentRound, Sized],
+    results: Mapping[str, Value] = MappingProxyType({}),
+) -> list[FilledSlot]:
+    """The newest of each of these segments of which something was heard, or said by a person: it was begun.
+
+    Whose bridge is off for good may have forgotten the rounds before, however many they were: a repetition has one
+    round at a time, so that all before it are over, whether or not anybody has heard of them.
+
+    Args:
+        segments: of the bridges that are off.
+        places: with what is known of each.
+        results: of tasks, by `task.result`: the newest that were heard. A token of another bridge may be of a round
+            before.
+    """
+    newest: dict[int, tuple[int, ...]] = {}
+    for place, known in places.items():
+        if known and place.rounds >= newest.get(place.number, place.rounds):
+            newest[place.number] = place.rounds
+    return [
+        FilledSlot(number, slot, "", {name: results[name] for name in needs if name in results}, rounds, one.loops)
+        for number, rounds in newest.items()
+        for one in (segments[number],)
+        for slot, needs in enumerate(one.needs)
+    ]
+
+
+def results_heard(
+    segments: Mapping[int, PartSegment], places: Mapping[SegmentRound, Sequence[Fact]], results: Mapping[str, Value]
+) -> dict[str, Value]:
+    """Results without those of tasks whose last round a person has named: what is known is of a round before.
+
+    Args:
+        segments: of the bridges that are off.
+        places: with what was heard of each, and then what the person says.
+        results: of tasks, by `task.result`, as they were heard.
+    """
+    said: set[str] = set()
+    for slot in begun_places(segments, places):
+        facts = places[SegmentRound(slot.segment, slot.rounds)]
+        heard = {fact.step for fact in facts if isinstance(fact, TaskOver)}
+        ended = {fact.step for fact in facts if isinstance(fact, StepEnded)}
+        ended |= {fact.step for fact in facts if isinstance(fact, TaskAnswered) and fact.then is Then.DONE}
+        keys = {step.partition("@")[0] for step in ended - heard}
+        said |= {task.name for task in segments[slot.segment].tasks() if task.key in keys}
+    return {name: value for name, value in results.items() if name.partition(".")[0] not in said}
 
 
 def _by_rounds(segment: PartSegment, facts: Iterable[Fact]) -> dict[tuple[int, ...], list[Fact]]:

@@ -110,6 +110,10 @@ class PartSegment:
         """All places that a token of it may go to."""
         return (*self.then, *self.otherwise, *(() if self.fails is None else (self.fails,)), *self.lost)
 
+    def tasks(self) -> list[Task]:
+        """Its tasks, also those within other steps."""
+        return [step for step in Scenario("", self.body).steps() if isinstance(step, Task)]
+
 
 @dataclass(frozen=True, slots=True)
 class Part:
@@ -130,8 +134,7 @@ class Part:
 
     def robots(self) -> frozenset[str]:
         """The robots that its tasks name."""
-        bodies = [segment.body for segment in self.segments.values()]
-        tasks = [step for body in bodies for step in Scenario("", body).steps() if isinstance(step, Task)]
+        tasks = [task for segment in self.segments.values() for task in segment.tasks()]
         return frozenset([task.robot for task in tasks if task.robot is not None])
 
     def tells(self) -> frozenset[int]:

@@ -10,7 +10,7 @@ from ua_fleet.carrying.part import PartSegment, Road
 from ua_fleet.carrying.token import SegmentRound
 from ua_fleet.scenario import Value
 
-__all__ = ["FilledSlot", "Proved", "proved_over"]
+__all__ = ["FilledSlot", "Proved", "heads_alone", "proved_over"]
 
 
 class FilledSlot(NamedTuple):
@@ -47,6 +47,33 @@ def proved_over(segments: Mapping[int, PartSegment], filled: Iterable[FilledSlot
     return proof.proved
 
 
+def heads_alone(segments: Mapping[int, PartSegment]) -> list[int]:
+    """The heads of the repetitions whose rounds one bridge may do one after the other, while no other one hears of it.
+
+    Args:
+        segments: of that bridge.
+    """
+    return [number for number, one in segments.items() if number in one.loops[-1:] and _goes_round(number, segments)]
+
+
+def _goes_round(head: int, segments: Mapping[int, PartSegment]) -> bool:
+    """Whether the next round can begin with tokens of these segments alone."""
+    done, filled, left = set[int](), set[tuple[int, int]](), [head]
+    while left:
+        number = left.pop()
+        done.add(number)
+        for road in (*segments[number].then, *segments[number].otherwise):
+            if road.is_next and road.segment == head:
+                return True
+            target = segments.get(road.segment)
+            filled.add((road.segment, road.slot))
+            if target is None or road.segment in done or target.tells:
+                continue
+            if all((road.segment, slot) in filled for slot in range(target.slots)):
+                left.append(road.segment)
+    return False
+
+
 class _Proof:
     """What follows from tokens."""
 
@@ -80,8 +107,14 @@ class _Proof:
         self, number: int, rounds: tuple[int, ...], failed: str = "", *, way: bool = True, is_exact: bool = True
     ) -> Iterator[SegmentRound]:
         place, is_new = SegmentRound(number, rounds), self._pass(number, rounds)
-        if is_exact and len(rounds) == len(self._segments[number].loops) and place not in self.proved.over:
+        loops = len(self._segments[number].loops)
+        if is_exact and len(rounds) == loops and place not in self.proved.over:
             self.proved.over[place], is_new = (failed, way), True
+        elif is_exact and len(rounds) < loops and not failed:
+            # A repetition was left, in a round that is not known. What is behind it gets its token whatever round it
+            # was: where nobody else has that token, the heir has to make it.
+            left = SegmentRound(number, (*rounds, *[0] * (loops - len(rounds))))
+            self.proved.over.setdefault(left, ("", way))
         if is_new:
             yield place
 

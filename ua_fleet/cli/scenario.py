@@ -298,7 +298,10 @@ def adopt(
     bridge: Annotated[str, typer.Argument(help="Bridge that does not answer.")],
     is_off: Annotated[bool, typer.Option("--off", help="Say that it is off, and stays so until this is done.")] = False,
     done: Annotated[
-        list[str] | None, typer.Option("--done", help="Task that its robots have done and no bridge has reported.")
+        list[str] | None,
+        typer.Option(
+            "--done", help="Task that its robots have done and no bridge has reported; in a repeat TASK@ROUND, from 0."
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:

@@ -162,7 +162,7 @@ class ScenarioNodes:
     def _bridges_of(self, record: RunRecord) -> _Values:
         """The bridges that carry a run; one that is no longer in fleet.yaml by its space."""
         told = record.bridges
-        names = [self._bridge_names.get(space, str(space)) for space in told]
+        names = [self._bridge_names.get(space, f"space {space}") for space in told]
         return {
             "Bridges": Variant(_TEXTS, tuple(names)),
             "BridgeStates": Variant(_TEXTS, tuple([one.state for one in told.values()])),

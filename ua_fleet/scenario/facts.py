@@ -116,6 +116,8 @@ class RunCarried:
     """Of the bridges."""
     plan_hash: str
     """In hexadecimal digits."""
+    parts: Sequence[str] = ()
+    """What each of the bridges got, likewise: another one may have to go on with it when fleet.yaml has changed."""
 
 
 @dataclass(frozen=True, slots=True)

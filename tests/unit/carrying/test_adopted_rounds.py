@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from hashlib import blake2b
+from typing import Any
 
 from tests.unit.carrying.test_adoption import ASSIGNED, AWAY_S, parts
 from tests.unit.carrying.test_plan import plan, task
@@ -21,18 +22,22 @@ from ua_fleet.carrying.adoption import (
     Adoption,
     FilledSlot,
     adopted_places,
+    begun_places,
     begun_slots,
     encode_adoption,
     needed_places,
     plan_without,
     proved_over,
+    results_heard,
 )
 from ua_fleet.carrying.facts import CarryFact
 from ua_fleet.carrying.part import PartSegment
+from ua_fleet.carrying.proof import heads_alone
 from ua_fleet.scenario.facts import (
     Fact,
     IterationStarted,
     StepEnded,
+    StepStarted,
     StepState,
     TaskAnswered,
     TaskOutcome,
@@ -170,3 +175,111 @@ def test_what_the_head_of_a_repetition_has_decided_is_adopted() -> None:
     assert adopted_places(behind(300)[HEAD], heard, [], 9.0, "anna") == {
         SegmentRound(HEAD, (number,)): [fact] for number, fact in enumerate(heard)
     }
+
+
+def test_the_newest_round_that_was_heard_of_a_bridge_proves_that_those_before_it_are_over() -> None:
+    """It has done 3000 rounds alone, and forgotten all but the last: nobody else has a token since the first one."""
+    one = LOOP.segments[ONE].steps[0].key
+    gone, facts = behind(300), [fact for fact in rounds_of(3000) if getattr(fact, "step", "").endswith(("@0", "@2999"))]
+    facts = [fact for fact in facts if isinstance(fact, StepEnded) and fact.step.startswith(one)]
+    places = {
+        place: tuple([encode_fact(fact) for fact in known])
+        for number in (HEAD, ONE)
+        for place, known in adopted_places(gone[number], facts, [], 9.0, "anna").items()
+    }
+    own = begun_places(gone, places)
+    assert own == [FilledSlot(ONE, 0, "", {}, (2999,), (HEAD,))]
+    last = SegmentRound(ONE, (2999,))
+    assert needed_places(gone, places, own) == {str(last): places[last]}
+    holder = Holder(301, list[CarryFact]().append)
+    before = parts_of(LOOP, "run", "made", {}, "anna", adopt_after_s=AWAY_S)[301]
+    made = parts_of(plan_without(LOOP, 300, 301), "run", "made", {}, "anna", adopt_after_s=AWAY_S, epoch=2)[301]
+    holder.take_part(encode_part(before), 0.0)
+    adoption = Adoption(made, (300,), "anna", tuple(own), {}, needed_places(gone, places, own))
+    (begun,) = [
+        one
+        for one in holder.take_adoption(encode_adoption(adoption, encode_part(made)), 20.0)
+        if isinstance(one, Begin)
+    ]
+    assert (begun.segment.number, begun.rounds, begun.facts) == (ONE, (2999,), places[last])
+
+
+def test_a_person_names_the_last_round_alone() -> None:
+    one = LOOP.segments[ONE].steps[0].key
+    places = adopted_places(behind(300)[ONE], [], ["one@4711"], 9.0, "anna")
+    assert places == {SegmentRound(ONE, (4711,)): [StepEnded(9.0, f"{one}@4711", StepState.DONE, "anna has said so")]}
+    proved = proved_over(behind(300), begun_places(behind(300), places))
+    assert proved.passed[ONE] == (4710,)
+    assert proved.passed[HEAD] == (4711,)
+
+
+def test_what_comes_after_a_repetition_gets_its_token_although_the_last_round_is_not_known() -> None:
+    """The bridge had the repetition, and what comes after it: nobody else has that token."""
+    alone = plan(
+        {
+            "repeat": [task("one", "a"), {"if": "one.out > 5", "then": [task("two", "b"), task("three", "c")]}],
+            "times": 9,
+        },
+        task("after", "a"),
+        task("last", "b"),
+    )
+    gone = dict(parts_of(alone, "run", "made", {}, "anna")[300].segments)
+    (after,) = [number for number, one in gone.items() if "after" in [each.name for each in one.tasks()]]
+    made = parts_of(plan_without(alone, 300, 301), "run", "made", {}, "anna", adopt_after_s=AWAY_S, epoch=2)[301]
+    holder = Holder(301, list[CarryFact]().append)
+    before = parts_of(alone, "run", "made", {}, "anna", adopt_after_s=AWAY_S)[301]
+    holder.take_part(encode_part(before), 0.0)
+    own = begun_places(gone, adopted_places(gone[after], [], ["after"], 9.0, "anna"))
+    content = encode_adoption(Adoption(made, (300,), "anna", tuple(own)), encode_part(made))
+    begun = [one for one in holder.take_adoption(content, 20.0) if isinstance(one, Begin)]
+    assert [(one.segment.number, one.rounds) for one in begun] == [(after, ())]
+
+
+def test_a_bridge_goes_round_alone_where_it_needs_no_token_of_another_one() -> None:
+    def heads(space: int, *steps: dict[str, Any]) -> list[int]:
+        return heads_alone(parts_of(plan(*steps), "run", "made", {}, "anna")[space].segments)
+
+    seldom = {"if": "one.out > 5", "then": [task("two", "b"), task("three", "c")]}
+    often = {"repeat": [task("one", "a"), seldom], "times": 9}
+    assert len(heads(300, often)) == 1
+    assert heads(301, often) == []
+    assert heads(300, {"repeat": [task("one", "a"), task("two", "b")], "times": 9}) == []
+    beside = {"parallel": [[task("four", "a")], [task("five", "b")]]}
+    assert heads(300, {"repeat": [task("one", "a"), seldom, beside], "times": 9}) == [], "a join waits for another one"
+    assert len(heads(300, {"repeat": [often], "times": 9})) == 2
+    between = {"repeat": [often, task("six", "b")], "times": 9}
+    assert len(heads(300, between)) == 1, "the inner one alone"
+
+
+def test_the_newest_result_that_was_heard_counts_and_none_of_a_round_before_the_one_that_a_person_names() -> None:
+    read = plan(
+        {
+            "repeat": [
+                task("one", "a"),
+                {"if": "one.out > 5", "then": [task("two", "b"), task("three", "c", arguments={"x": "=one.out"})]},
+            ],
+            "times": 9,
+        },
+        task("after", "a", arguments={"x": "=one.out"}),
+        task("last", "b"),
+    )
+    gone = dict(parts_of(read, "run", "made", {}, "anna")[300].segments)
+    (one,) = [each for each in gone.values() if "one" in [found.name for found in each.tasks()]]
+    (after,) = [each for each in gone.values() if "after" in [found.name for found in each.tasks()]]
+    step, name = f"{one.tasks()[0].key}@7", "one.out"
+    heard: list[Fact] = [
+        replace(ASSIGNED, step=step),
+        TaskOver(3.0, step, 1, TaskOutcome.DONE, Then.DONE, results={"out": 7.0}),
+        StepEnded(3.0, step, StepState.DONE),
+    ]
+    places = adopted_places(one, heard, [], 9.0, "anna")
+    assert results_heard(gone, places, {name: 7.0}) == {name: 7.0}
+    places = adopted_places(one, heard, ["one@8"], 9.0, "anna")
+    assert results_heard(gone, places, {name: 7.0, "two.out": 1.0}) == {"two.out": 1.0}
+    assert name in after.needs[0]
+    own = begun_places(gone, adopted_places(after, [], ["after"], 9.0, "anna"), {name: 7.0})
+    assert own == [FilledSlot(after.number, 0, "", {name: 7.0}, (), ())]
+
+
+def test_the_first_fact_of_a_segment_is_of_no_step() -> None:
+    assert begun_slots([behind(300)[ONE]], [StepStarted(1.0, "@7")]) == []

@@ -209,7 +209,8 @@ class CarriedRuns:
         run.token = encode_token(Token(run_id, plan_hash, 1, 0, 0), ())
         run.until = self._clock() + OFFER_S
         created = RunCreated(now, run_id, scenario.text, parameters, by)
-        self._service.note_first(run_id, [created, RunCarried(now, plan.spaces, plan_hash.hex())])
+        content = [run.parts[space].hex() for space in plan.spaces]
+        self._service.note_first(run_id, [created, RunCarried(now, plan.spaces, plan_hash.hex(), content)])
         self._runs[run_id] = run
         self._hold(run)
         self._log.info("carried run started", run_id=run_id, scenario=scenario.name, by=by)
@@ -272,7 +273,8 @@ class CarriedRuns:
         said = run.adopting.said
         self._service.note(run_id, [said])
         self._log.warning("a bridge of a carried run is left out", run_id=run_id, bridge=bridge, by=by)
-        del run.bridges[said.space]
+        for known in (run.bridges, run.late):
+            known.pop(said.space, None)
         self._enter(run, CarriedPhase.ADOPTING, 0.0)
         self._sooner()
         return self._names[said.heir]
@@ -325,6 +327,7 @@ class CarriedRuns:
         if run is None or asked is None:
             return
         asked.is_heard, asked.has_token = True, bool(values[RUN_DATA_HOLDS])
+        asked.news = max(asked.news, values[RUN_DATA_COUNT])
         self._show_waits(run)
         is_new = values[RUN_DATA_COUNT] > asked.told or (values[-1] and not asked.is_complete)
         if is_new and run.phase is CarriedPhase.FOLLOWING:
@@ -590,22 +593,29 @@ class CarriedRuns:
             for space, asked in run.bridges.items()
             if asked.problem
         ]
-        said += [f"{self._names[space]}: it is not in fleet.yaml" for space in run.late if space not in self._names]
+        removed = self._adoptions.removed(run)
+        said += [f"{self._names[space]}: {self._adoptions.why_removed(run, space)}" for space in removed]
+        said += [
+            f"{self._names[space]}: it is not in fleet.yaml"
+            for space in run.late
+            if space not in self._names and space not in removed
+        ]
         if run.phase in (CarriedPhase.FOLLOWING, CarriedPhase.ADOPTING, CarriedPhase.CLOSING):
             text = "; ".join(said)
             if text != run.shown and run.run_id in self._runs:
                 run.shown = text
                 self._service.show_waiting(run.run_id, TaskWaits("", "bridges", "", "", text))
-        told = {space: self._bridge_told(run, space) for space in run.bridges}
+        told = {space: self._bridge_told(run, space) for space in (*run.bridges, *removed)}
         if told != run.bridges_shown and run.run_id in self._runs:
             run.bridges_shown = told
             self._service.show_told(BridgesFollowed(run.run_id, told))
 
     def _bridge_told(self, run: FollowedRun, space: int) -> BridgeTold:
-        asked = run.bridges[space]
-        state = "answers"
-        if asked.is_away:
+        asked, state = run.bridges.get(space), "answers"
+        if asked is None or asked.is_away:
             state = "silent" if self._adoptions.can_leave_out(run, space) else "away"
+        if asked is None:
+            return BridgeTold(state, False, "it is not in fleet.yaml any more")
         return BridgeTold(state, asked.has_token, asked.problem)
 
 

@@ -1,15 +1,28 @@
 """A bridge of a carried run is off, as a person has said: what the others get, so that one of them goes on for it.
 
-The plan is made anew from the run's own text, and its hash has to be that with which the run began: then segments have
-the numbers that the bridges know.
+The plan is the one with which the run began, as it was written down: then segments have the numbers that the bridges
+know, whatever has changed in fleet.yaml since. Where another version of ua-fleet began the run, the plan is made anew
+from the text of the run, and its hash has to be the same.
 """
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 
 from ua_fleet.carrying import Part, Plan, PlanView, parts_of, split
-from ua_fleet.carrying.adoption import adopted_places, begun_slots, heir_of, may_be_heir, plan_without_all
+from ua_fleet.carrying.adoption import (
+    NO_ROUND,
+    adopted_places,
+    begun_slots,
+    heir_of,
+    may_be_heir,
+    plan_without_all,
+    results_heard,
+)
+from ua_fleet.carrying.part import PartInvalid, decode_part
+from ua_fleet.carrying.whole_plan import plan_of
 from ua_fleet.config.connections import connection_numbers
 from ua_fleet.config.relays import speakers_on
 from ua_fleet.config.schema import FleetConfig
@@ -23,6 +36,7 @@ from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.facts import Fact, RunAdopted, RunCarried, RunCreated, encode_fact
 from ua_fleet.scenario.state import RunState
 from ua_fleet.topics import SERVER_SPACE
+from ua_fleet.values import StatusCode
 
 __all__ = ["Adoptions", "plan_view"]
 
@@ -70,6 +84,29 @@ def _before(facts: Sequence[Fact], also: Collection[int]) -> list[Fact]:
     return [fact for fact in facts if not (isinstance(fact, RunAdopted) and fact.space in also)]
 
 
+class RoundsUnknown(ScenarioError):
+    """A bridge may have done rounds that nobody has heard of: its heir would have robots do them again."""
+
+    ua_status = StatusCode.BAD_INVALID_STATE
+
+    def __init__(self, run_id: str, bridge: str, task: str, heard: str) -> None:
+        """Say what a person has to see, and how to say it.
+
+        Args:
+            run_id: the run.
+            bridge: that is off.
+            task: one of the repetition.
+            heard: the round of which was heard last; empty where none was.
+        """
+        known = f"round {heard} was heard of last" if heard else "no round was heard of"
+        super().__init__(
+            f"{bridge} may have done more rounds of {task} alone: {known}, and the server has not fetched all of its"
+            f" facts; see at its robots which round they have done last, counted from 0, and name it: ua-fleet scenario"
+            f" adopt {run_id} {shlex.quote(bridge)} --off --done {task}@ROUND; where they have done no more: --done"
+            f" {task}@{NO_ROUND}"
+        )
+
+
 class Adoptions:
     """What can be adopted of carried runs, and what the bridges are told then."""
 
@@ -86,6 +123,7 @@ class Adoptions:
         self._config, self._service, self._clock, self._wall_s, self._log = config, service, clock, wall_s, log
         self._names = BridgeNames({bridge.space: name for name, bridge in config.bridges.items()})
         self._after_s = config.scenarios.adopt_after_s
+        self._began = clock()
 
     def begin(self, run: FollowedRun, bridge: str, done: Sequence[str], by: str) -> Adopting:
         """A person says that a bridge of a run is off, of which all that was fetched is in the journal.
@@ -106,15 +144,24 @@ class Adoptions:
         heir = self._heir(facts, run, (*also, space))
         said = RunAdopted(self._wall_s(), space, heir, (*said_before, *done), by, also)
         made = self._made(run.run_id, facts, said)
+        has_more = space not in run.bridges or run.bridges[space].may_have_more
+        if has_more and (unknown := made.unknown_rounds()) is not None:
+            raise RoundsUnknown(run.run_id, bridge, *unknown)
         made.content_for(heir)  # refuses what is too large, before anything is written down
         return made
 
     def silent(self, run: FollowedRun, bridge: str, *, is_possible: bool = True) -> int:
         """The space of a bridge that has not answered for long; raises ScenarioError where it has."""
-        space = next((space for space in run.bridges if self._names[space] == bridge), None)
+        there = (*run.bridges, *self.removed(run))
+        space = next((space for space in there if self._names[space] == bridge), None)
         if space is None or not is_possible:
             raise ScenarioError(f"run {run.run_id} is {run.phase.value}, and {bridge[:80]!r} cannot be left out")
-        silent_s = self._clock() - run.bridges[space].answered_at
+        silent_s = self._silent_s(run, space)
+        if silent_s < self._after_s and space not in run.bridges:
+            raise ScenarioError(
+                f"{bridge} is not in fleet.yaml any more, and can be left out {self._after_s:g} s after the server"
+                " began"
+            )
         if silent_s < self._after_s:
             raise ScenarioError(
                 f"{bridge} has answered {silent_s:.0f} s ago, and can be left out after {self._after_s:g} s"
@@ -158,22 +205,61 @@ class Adoptions:
         """Whether a person may say that a bridge is off: `begin` says what is wrong otherwise."""
         if not self._is_silent(run, space):
             return False
+        if space not in run.bridges:
+            return bool(run.bridges)
         if run.phase is CarriedPhase.FOLLOWING:
             return len(run.bridges) > 1
         return not run.bridges[space].is_done and (run.phase is CarriedPhase.CLOSING or run.adopting is not None)
 
+    def removed(self, run: FollowedRun) -> list[int]:
+        """The bridges of a run that are not in fleet.yaml any more, and that it does not end without already."""
+        if run.phase is CarriedPhase.CLOSING or run.closed is not None:
+            return []
+        return [space for space in run.late if space not in self._names]
+
+    def why_removed(self, run: FollowedRun, space: int) -> str:
+        """What to do about one of them, which cannot be asked: the token may be there, and then nothing goes on."""
+        name = self._names[space]
+        said = (
+            "it is not in fleet.yaml any more, and what it has of the run does not go on: declare it again and restart"
+            f" the server, or abort the run: ua-fleet scenario abort {run.run_id}"
+        )
+        if not run.bridges:
+            return said
+        when = "" if self._is_silent(run, space) else f" {self._after_s:g} s after the server began"
+        return (
+            f"{said}; if it is off for good, see what its robots have done, and have another bridge go on{when}:"
+            f" ua-fleet scenario adopt {run.run_id} {shlex.quote(name)} --off"
+        )
+
+    def _silent_s(self, run: FollowedRun, space: int) -> float:
+        asked = run.bridges.get(space)  # one that is not in fleet.yaml is not asked at all
+        return self._clock() - (self._began if asked is None else asked.answered_at)
+
     def _is_silent(self, run: FollowedRun, space: int) -> bool:
-        """Whether a bridge of a run has not answered for long, though it was asked."""
-        asked = run.bridges[space]
-        return asked.is_away and self._clock() - asked.answered_at >= self._after_s
+        """Whether a bridge of a run has not answered for long, though it was asked, or cannot be asked."""
+        asked = run.bridges.get(space)
+        return (asked is None or asked.is_away) and self._silent_s(run, space) >= self._after_s
 
     def _scenario(self, facts: Sequence[Fact]) -> Scenario:
         """The scenario of a run, from its own text."""
         text = next(fact.text for fact in facts if isinstance(fact, RunCreated))
         return self._service.check(f"{text}\n").scenario
 
+    @staticmethod
+    def _first_parts(facts: Sequence[Fact]) -> list[Part]:
+        """What the bridges got, as it was written down; nothing where another version of ua-fleet began the run."""
+        carried = next(fact for fact in facts if isinstance(fact, RunCarried))
+        try:
+            return [decode_part(bytes.fromhex(content)) for content in carried.parts]
+        except (PartInvalid, ValueError):
+            return []
+
     def _first_plan(self, facts: Sequence[Fact]) -> Plan:
-        """With which the run began."""
+        """With which the run began: as it was written down, else as the scenario is split now."""
+        carried = next(fact for fact in facts if isinstance(fact, RunCarried))
+        if given := self._first_parts(facts):
+            return plan_of(dict(zip(carried.spaces, given, strict=True)))
         plan, problems = split(self._scenario(facts), plan_view(self._config, self._service))
         if plan is None:
             raise ScenarioError(f"the fleet has changed since the run began: {problems[0]}")
@@ -191,7 +277,11 @@ class Adoptions:
         """Who goes on for bridges: none of those that do not answer."""
         plan, _ = self._plan_now(self._first_plan(facts), _before(facts, gone[:-1]))
         view, name = plan_view(self._config, self._service), " and ".join([self._names[one] for one in gone])
-        away = [one for one, asked in run.bridges.items() if asked.is_away]
+        removed = [one for one in self.removed(run) if one not in gone]
+        # Others of these are to be left out as well: what they are allowed now is of no account.
+        allowed = {one: spaces.union(removed) for one, spaces in view.requestors.items()}
+        view = replace(view, requestors=allowed | dict.fromkeys(removed, frozenset(plan.spaces)))
+        away = [*[one for one, asked in run.bridges.items() if asked.is_away], *removed]
         if run.adopting is not None and len(gone) > 1 and (said := run.adopting.said.heir) not in gone:
             # It may know already that it goes on for those before.
             if may_be_heir(plan, gone, said, view):
@@ -202,7 +292,7 @@ class Adoptions:
             )
         if (heir := heir_of(plan, gone, view, away)) is not None:
             return heir
-        if (late := heir_of(plan, gone, view)) is not None:
+        if (late := heir_of(plan, gone, view, removed)) is not None:
             raise ScenarioError(
                 f"{self._names[late]} could take the place of {name}, and does not answer now; start it, or abort it:"
                 f" ua-fleet scenario abort {run.run_id}"
@@ -214,13 +304,15 @@ class Adoptions:
 
     def _made(self, run_id: str, facts: Sequence[Fact], said: RunAdopted) -> Adopting:
         """What the bridges are told; `facts` are those before it was said."""
-        plan, name = self._first_plan(facts), self._scenario(facts).name
+        plan, written = self._first_plan(facts), self._first_parts(facts)
+        name = written[0].scenario if written else self._scenario(facts).name
+        adopt_after_s = written[0].adopt_after_s if written else self._after_s
         created = next(fact for fact in facts if isinstance(fact, RunCreated))
         carried = next(fact for fact in facts if isinstance(fact, RunCarried))
 
         def parts(of_plan: Plan, epoch: int) -> dict[int, Part]:
             given, by = created.parameters, created.by
-            return parts_of(of_plan, run_id, name, given, by, adopt_after_s=self._after_s, epoch=epoch)
+            return parts_of(of_plan, run_id, name, given, by, adopt_after_s=adopt_after_s, epoch=epoch)
 
         if any(part.plan_hash.hex() != carried.plan_hash for part in parts(plan, 1).values()):
             raise ScenarioError(f"the fleet has changed since run {run_id} began, so that its plan is another one now")
@@ -234,11 +326,13 @@ class Adoptions:
         for fact in facts:
             state.apply(fact)
         segments = {number: one for space in gone for number, one in before[space].segments.items()}
-        known = {
-            place: tuple([encode_fact(fact) for fact in adopted])
+        places = {
+            place: adopted
             for one in segments.values()
             for place, adopted in adopted_places(one, facts, said.done, said.at, said.by).items()
         }
+        known = {place: tuple([encode_fact(fact) for fact in adopted]) for place, adopted in places.items()}
         results = {f"{task}.{name}": value for task, given in state.results.items() for name, value in given.items()}
+        results = results_heard(segments, places, results)
         new = parts(plan_without_all(plan, gone, said.heir), epoch + 1)
         return Adopting(said, new, results, segments, known, begun_slots(own, facts), state.stand_ins)

@@ -51,6 +51,8 @@ class AskedBridge:
     """The number that the bridge gives the last fact which was fetched."""
     told: int = 0
     """How many facts its DataSet told of when all were fetched that it had."""
+    news: int = 0
+    """How many facts its DataSet has told of, as far as it was heard."""
     is_caught_up: bool = False
     """Whether all was fetched once that it had: what the others say may be put in order with it."""
     has_pause: bool = True
@@ -61,6 +63,11 @@ class AskedBridge:
     """Whether it has one of the run, as its DataSet of runs or its answer has said last."""
     is_complete: bool = False
     """Whether it knows that the run is over, does nothing for it, and has no more facts."""
+
+    @property
+    def may_have_more(self) -> bool:
+        """Whether it may have done more than what was fetched of it."""
+        return not self.is_caught_up or self.news > self.told
 
 
 @dataclass(slots=True)

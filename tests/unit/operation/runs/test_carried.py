@@ -17,11 +17,25 @@ from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ScenarioError
 from ua_fleet.operation.runs.carried import OFFER_S, CarriedRuns
+from ua_fleet.operation.runs.carried_adoption import RoundsUnknown
 from ua_fleet.orchestrator import BridgesFollowed, RunChanged, TaskWaiting
 from ua_fleet.pubsub.carry_action import Word
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.pubsub.run_data import RUN_DATA_FIELDS, RUN_DATA_ID, RUN_DATA_TYPES, run_data_topic
-from ua_fleet.scenario.facts import RunAdopted, RunClosing, RunEnded, RunOutcome
+from ua_fleet.scenario.facts import (
+    IterationStarted,
+    RunAdopted,
+    RunClosing,
+    RunEnded,
+    RunOutcome,
+    StepEnded,
+    StepState,
+    TaskAssigned,
+    TaskOutcome,
+    TaskOver,
+    Then,
+    encode_fact,
+)
 from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome, pack
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode
@@ -129,12 +143,16 @@ class Carried(World):
     def __init__(self, folder: Path, count: int = 3) -> None:
         super().__init__(folder, heard=(), config=config(count))
         self.bridges, self.count = Bridges(), count
+        self.carried = self.with_bridges(count)
+
+    def with_bridges(self, count: int) -> CarriedRuns:
+        """Who has so many bridges in the file."""
 
         def commands(*, told: Callable[[bytes, RequestOutcome], None], **_: object) -> Any:
             self.bridges.told = told
             return self.bridges
 
-        self.carried = CarriedRuns(
+        return CarriedRuns(
             config(count),
             self.service,
             commands,
@@ -183,9 +201,9 @@ class Carried(World):
         told = [one.bridges for one in self.said if isinstance(one, BridgesFollowed)][-1]
         return {f"c{space - 300}": (one.state, one.has_token) for space, one in told.items()}
 
-    def tell_token(self, space: int, run_id: str, holds: tuple[int, ...]) -> None:
-        """A bridge tells by its DataSet which segments it has the tokens of."""
-        values = (run_id, holds, (), (), (), (), "", (), (), 0, "")
+    def tell_token(self, space: int, run_id: str, holds: tuple[int, ...], count: int = 0) -> None:
+        """A bridge tells by its DataSet which segments it has the tokens of, and how many facts."""
+        values = (run_id, holds, (), (), (), (), "", (), (), count, "")
         metadata = DataSetMetaData("Runs", RUN_DATA_FIELDS, ConfigurationVersion(1, 1))
         message = DataSetMessage(RUN_DATA_ID, FrameKind.KEY, types=RUN_DATA_TYPES, values=values, timestamp=1)
         self.carried.follow(DataReceived(run_data_topic(space, 2), message, metadata))
@@ -320,7 +338,8 @@ def test_two_bridges_that_are_off_at_once_are_left_out_one_after_the_other(world
     world.go(1.0)
     (told,) = adoptions(world, 302)
     assert (told.part.epoch, told.gone, set(told.part.segments)) == (3, (301, 300), {0, 1, 2})
-    assert set(told.facts) == {"0", "1"}, "what the person has said of both counts"
+    assert set(told.facts) == {"1"}, "what the person has said of both counts"
+    assert sorted(slot.segment for slot in told.filled) == [0, 1], "the second one proves that the first one is over"
     assert [[*fact.also, fact.space] for fact in world.facts(RunAdopted)] == [[301], [301, 300]]
     assert (302, Word.FETCH) in world.asked(6.0), "the run goes on"
     world.bridges.does[302, Word.FETCH] = page(closed="done")
@@ -476,7 +495,8 @@ def test_a_run_that_was_under_way_is_followed_without_a_bridge_that_is_taken_out
     world.journal.close()
     again = Carried(tmp_path, 2)
     assert {(300, Word.FETCH), (301, Word.FETCH)} == set(again.asked(6.0))
-    assert again.reason() == "space 302: it is not in fleet.yaml"
+    assert again.reason().startswith("space 302: it is not in fleet.yaml any more, and what it has of the run does not")
+    assert f"or abort the run: ua-fleet scenario abort {run_id}" in again.reason()
     again.carried.abort(run_id, "", "anna")
     again.go(1.0)
     assert [fact.outcome for fact in again.facts(RunEnded)] == [RunOutcome.ABORTED]
@@ -554,3 +574,185 @@ def test_where_the_token_is_and_which_bridge_can_be_left_out_is_shown(world: Car
     world.carried.adopt(run_id, "c1", (), "anna")
     world.go(6.0)
     assert world.bridges_told() == {"c0": waits, "c2": waits}
+
+
+ALONE = """version: 1
+name: alone
+parameters: {with_others: false}
+steps:
+  - {task: first, skill: work, robot: r0}
+  - repeat:
+      - {task: one, skill: work, robot: r1}
+      - if: with_others
+        then: [{task: two, skill: work, robot: r2}, {task: three, skill: work, robot: r0}]
+    times: 10000
+  - {task: last, skill: work, robot: r0}
+"""
+
+
+def begin_alone(world: Carried) -> str:
+    """A run most of which c1 does alone; no other bridge knows how far it is."""
+    checked, found = world.carried.check(ALONE)
+    assert not checked.problems + found.problems
+    run_id = world.carried.start(checked.scenario, (), (), "anna")
+    world.go(1.0)
+    return run_id
+
+
+def done_alone(number: int) -> tuple[str, ...]:
+    step, execution_id = f"1.repeat.0@{number}", f"{number:032x}"
+    facts = (
+        IterationStarted(10.0, "1", number),
+        TaskAssigned(10.0, step, "one", 1, "r1", execution_id, "work"),
+        TaskOver(10.0, step, 1, TaskOutcome.DONE, Then.DONE),
+        StepEnded(10.0, step, StepState.DONE),
+    )
+    return tuple([encode_fact(fact) for fact in facts])
+
+
+def adopted_by(world: Carried, space: int) -> Adoption:
+    """What a bridge was told last."""
+    told = [content for each, word, content in world.bridges.contents if (each, word) == (space, Word.ADOPT)]
+    return decode_adoption(told[-1])
+
+
+def test_the_heir_knows_that_rounds_are_over_which_nobody_has_fetched(world: Carried) -> None:
+    """The server was away for most of them, and the bridge has forgotten all but the last ones since."""
+    world.bridges.does[301, Word.FETCH] = page(*done_alone(0), *done_alone(1), *done_alone(4998), *done_alone(4999))
+    run_id = begin_alone(world)
+    world.go(10.0)
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    heir = world.carried.adopt(run_id, "c1", (), "anna")
+    world.go(5.0)
+    told = adopted_by(world, {"c0": 300, "c2": 302}[heir])
+    assert sorted(told.facts) == ["2@4999"], "what is sent of it is the last round alone"
+    assert (2, (4999,)) in [(slot.segment, slot.rounds) for slot in told.filled]
+
+
+def test_rounds_that_a_bridge_may_have_done_alone_have_to_be_named_by_a_person(tmp_path: Path) -> None:
+    """The server has not heard the bridge since its own start."""
+    world = Carried(tmp_path)
+    world.bridges.does[301, Word.FETCH] = page(*done_alone(0), *done_alone(1))
+    run_id = begin_alone(world)
+    world.go(10.0)
+    world.journal.close()
+    again = Carried(tmp_path)
+    again.bridges.off.add(301)
+    again.go(AWAY_S + 10)
+    for said in ((), ("one",), ("first",)):
+        with pytest.raises(ScenarioError, match="c1 may have done more rounds of one alone: round 1 was heard of last"):
+            again.carried.adopt(run_id, "c1", said, "anna")
+    with pytest.raises(RoundsUnknown, match=f"adopt {run_id} c1 --off --done one@ROUND") as refused:
+        again.carried.adopt(run_id, "c1", (), "anna")
+    assert refused.value.ua_status == StatusCode.BAD_INVALID_STATE
+    assert not again.facts(RunAdopted)
+    heir = again.carried.adopt(run_id, "c1", ("one@4711",), "anna")
+    again.go(5.0)
+    told = adopted_by(again, {"c0": 300, "c2": 302}[heir])
+    assert sorted(told.facts) == ["2@4711"]
+    assert not again.mistakes.count, again.mistakes.text()
+
+
+def test_a_person_says_that_a_bridge_has_done_no_more_rounds_than_were_heard_of(world: Carried) -> None:
+    world.bridges.does[301, Word.FETCH] = page(*done_alone(0), *done_alone(1))
+    run_id = begin_alone(world)
+    world.go(10.0)
+    world.tell_token(301, run_id, (2,), count=12)
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    with pytest.raises(RoundsUnknown):
+        world.carried.adopt(run_id, "c1", (), "anna")
+    heir = world.carried.adopt(run_id, "c1", ("one@none",), "anna")
+    world.go(5.0)
+    assert sorted(adopted_by(world, {"c0": 300, "c2": 302}[heir]).facts) == ["2@1"]
+
+
+def test_a_bridge_all_of_which_was_fetched_is_adopted_without_a_word_of_its_rounds(world: Carried) -> None:
+    world.bridges.does[301, Word.FETCH] = page(*done_alone(0), *done_alone(1))
+    run_id = begin_alone(world)
+    world.go(10.0)
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    assert world.carried.adopt(run_id, "c1", (), "anna") in ("c0", "c2")
+
+
+def test_a_bridge_that_is_taken_out_of_the_file_is_adopted_as_one_that_is_off(tmp_path: Path) -> None:
+    """The plan is known although the fleet has none of its robots any more."""
+    world = Carried(tmp_path, 3)
+    run_id = world.begin()
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    again.go(1.0)
+    assert "have another bridge go on 20 s after the server began: ua-fleet scenario adopt" in again.reason()
+    assert again.bridges_told()["c2"] == ("away", False)
+    with pytest.raises(ScenarioError, match="any more, and can be left out 20 s after the server began"):
+        again.carried.adopt(run_id, "space 302", (), "anna")
+    again.go(AWAY_S)
+    assert again.reason().endswith(f"have another bridge go on: ua-fleet scenario adopt {run_id} 'space 302' --off"), (
+        again.reason()
+    )
+    assert again.bridges_told()["c2"] == ("silent", False)
+    assert again.carried.adopt(run_id, "space 302", ("t2",), "anna") == "c0"
+    again.go(3.0)
+    told = adopted_by(again, 300)
+    assert (told.part.epoch, told.gone, set(told.part.segments)) == (2, (302,), {0, 2})
+    assert set(told.facts) == {"2"}
+    assert again.reason() == ""
+    assert "c2" not in again.bridges_told()
+    again.bridges.does |= {(space, Word.FETCH): page(closed="done") for space in (300, 301)}
+    again.go(7.0)
+    (ended,) = again.facts(RunEnded)
+    assert (ended.outcome, ended.reason) == (RunOutcome.DONE, "")
+    assert not again.mistakes.count, again.mistakes.text()
+
+
+def test_two_bridges_that_are_taken_out_of_the_file_are_left_out_as_one(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 4)
+    run_id = world.begin()
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    again.go(AWAY_S + 1)
+    assert again.carried.adopt(run_id, "space 302", (), "anna") == "c0"
+    again.go(3.0)
+    assert (300, Word.ADOPT) not in [(space, word) for space, word, _ in again.bridges.contents], "303 does not know it"
+    assert f"ua-fleet scenario adopt {run_id} 'space 303' --off" in again.reason()
+    assert again.carried.adopt(run_id, "space 303", (), "anna") == "c0"
+    again.go(3.0)
+    told = adopted_by(again, 300)
+    assert (told.part.epoch, told.gone) == (3, (302, 303))
+    assert {2, 3} <= set(told.part.segments)
+    again.journal.close()
+    last = Carried(tmp_path, 2)
+    last.go(3.0)
+    assert adopted_by(last, 300) == told, "a server that is started again says the same"
+    assert not last.mistakes.count, last.mistakes.text()
+
+
+def test_a_run_none_of_whose_bridges_is_in_the_file_any_more_can_be_aborted_alone(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 2)
+    run_id = world.begin()
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    again.carried = again.with_bridges(0)
+    again.go(AWAY_S + 1)
+    assert "ua-fleet scenario adopt" not in again.reason()
+    with pytest.raises(ScenarioError, match="no other bridge of the run may take the place"):
+        again.carried.adopt(run_id, "space 300", (), "anna")
+    again.carried.abort(run_id, "", "anna")
+    again.go(1.0)
+    assert [fact.outcome for fact in again.facts(RunEnded)] == [RunOutcome.ABORTED]
+
+
+def test_a_fleet_that_has_changed_since_a_run_began_does_not_keep_it_from_being_adopted(tmp_path: Path) -> None:
+    """Another one of its bridges has left; and the time after which one may be left out is another one."""
+    world = Carried(tmp_path, 3)
+    run_id = world.begin()
+    world.journal.close()
+    again = Carried(tmp_path, 2)
+    again.bridges.off.add(301)
+    again.go(AWAY_S + 10)
+    assert again.carried.adopt(run_id, "c1", (), "anna") == "c0"
+    assert again.carried.adopt(run_id, "space 302", (), "anna") == "c0"
+    again.go(3.0)
+    assert adopted_by(again, 300).gone == (301, 302)

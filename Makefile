@@ -104,7 +104,7 @@ test-carried: setup-test
 # 100,000 generated structures of OPC UA Binary, encoded by us and by asyncua.
 test-mutations: setup-test
 	@UA_FLEET_ALL_MUTATIONS=1 $(PYTHON) -m pytest --timeout=3600 tests/unit/wire/test_fuzz.py \
-		tests/unit/wire/json/test_fuzz.py tests/unit/transport/mqtt/test_hostile_json.py \
+		tests/unit/wire/json/test_fuzz.py tests/unit/wire/json/test_text_plan.py tests/unit/transport/mqtt/test_hostile_json.py \
 		tests/unit/endpoint/test_binary.py $(ARGS)
 
 # Those with which README begins, made by the test that goes through the nine tasks in the page.

@@ -26,6 +26,7 @@ from ua_fleet.wire.json.fields import (
     planned_fields,
 )
 from ua_fleet.wire.json.parsing import Reading, dump, shown
+from ua_fleet.wire.json.text_plan import DecodeText, compile_text_plan, decode_no_text
 from ua_fleet.wire.json.variants import Writing
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldEncoding, FrameKind
 
@@ -53,11 +54,15 @@ class DataSetFields:
     """The types of what `planned` returns."""
     decode_usual: DecodePayload
     """The plan that has fitted last: `planned` but for other forms. `reading` has to have spent nothing."""
+    decode_text: DecodeText
+    """The same of the text of a payload, where `decode_usual` has fitted and there is such a plan."""
     reading: Reading
     """Of plans, which forgive nothing."""
 
     __slots__ = (
         "_positions",
+        "_text_plans",
+        "decode_text",
         "decode_usual",
         "fields",
         "major_version",
@@ -79,6 +84,8 @@ class DataSetFields:
         self.may_nest = any(field.kind in _NESTING for field in self.fields)
         self.planned_types = tuple([field.code for field in self.fields])
         self.decode_usual = _decode_nothing
+        self.decode_text = decode_no_text
+        self._text_plans: dict[bool, DecodeText] = {}
         self.reading = Reading(metadata.namespaces, self.types)
         self._positions = {field.name: index for index, field in enumerate(self.fields)}
 
@@ -117,8 +124,15 @@ class DataSetFields:
                 if values is not None:
                     plan.names[:] = payload  # orjson gives the same texts again, which makes comparing them quick
                     self.decode_usual = plan.decode
+                    self.decode_text = self._text_plans.get(plan.is_compact, self._compile_text_plan)
                     return values
         return None
+
+    def _compile_text_plan(self, text: bytes) -> tuple[Any, ...] | None:
+        """The `decode_text` of a form until the first text that might need it: most forms have none."""
+        is_compact = next(plan.is_compact for plan in self.plans if plan.decode is self.decode_usual)
+        self.decode_text = self._text_plans[is_compact] = compile_text_plan(self.fields, is_compact=is_compact)
+        return self.decode_text(text)
 
     def decode_by_names(self, reading: Reading, message: DataSetMessage, payload: dict[str, Any]) -> DataSetMessage:
         """The message with the fields of a payload of any form and order, without a plan; raises RemoteWireError."""

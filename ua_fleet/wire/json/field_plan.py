@@ -23,11 +23,15 @@ from ua_fleet.wire.json.variants import Writing
 
 __all__ = [
     "GIVE_UP",
+    "LONG",
     "MOST_PLANNED_FIELDS",
+    "PLAIN",
     "DecodePayload",
     "FieldPlan",
     "FieldPlans",
     "compile_fields",
+    "lines_of_long",
+    "lines_of_rounding",
     "write_fields",
 ]
 
@@ -47,11 +51,12 @@ MOST_PLANNED_FIELDS: Final = 128
 """Generating the functions for more fields takes longer than it is worth."""
 
 _B = BuiltinType
-_PLAIN: Final = frozenset(
+PLAIN: Final = frozenset(
     {_B.BOOLEAN, *RANGES, _B.FLOAT, _B.DOUBLE, _B.STRING, _B.XML_ELEMENT, _B.DATETIME, _B.DOUBLE | ARRAY}
 )
 """Type codes for which checks are generated; others go through the general code, field by field."""
-_LONG: Final = (_B.INT64, _B.UINT64)
+LONG: Final = (_B.INT64, _B.UINT64)
+"""Integers that JSON holds as text."""
 
 FEWEST_TOGETHER: Final = 8
 """Doubles in a row that are checked together."""
@@ -73,6 +78,7 @@ class FieldPlan(NamedTuple):
     names: list[str]
     """The names of the fields, which the plan compares with those of a payload."""
     decode: DecodePayload
+    is_compact: bool
 
 
 FieldPlans = tuple[FieldPlan, ...]
@@ -108,13 +114,13 @@ def _plan(fields: Sequence[Field], *, is_compact: bool) -> FieldPlan:
     lines += [f"  {line}" for line in body]
     lines += [" except GIVE_UP:", "  return None"]
     exec(compile("\n".join(lines), "<json field plan>", "exec"), names)  # noqa: S102 - made of our own words and numbers
-    return FieldPlan(names["NAMES"], names["decode"])
+    return FieldPlan(names["NAMES"], names["decode"], is_compact)
 
 
 def _checks(v: str, field: Field, names: dict[str, Any], *, is_compact: bool) -> list[str]:
     """Lines that turn the JSON value `v` into a value of its type, or give up."""
     code = field.code
-    if code not in _PLAIN or field.names is not None:
+    if code not in PLAIN or field.names is not None:
         names[f"field_{v}"] = field
         return [f"{v} = decode_general(reading, field_{v}, {v})"]
     lines: list[str] = []
@@ -140,21 +146,31 @@ def _checks(v: str, field: Field, names: dict[str, Any], *, is_compact: bool) ->
             f"{v} = tuple({v})",
         ]
     if code == _B.FLOAT:
-        return [*lines, f"if {v}.__class__ is not float: return None", *_lines_of_rounding(v)]
+        return [*lines, f"if {v}.__class__ is not float: return None", *lines_of_rounding(v)]
     if code == _B.DATETIME:
         names |= decoding_names(v)
         return [*lines, f"if {v}.__class__ is not str: return None", *lines_of_decoding(v, v)]
+    if code in LONG:
+        return [*lines, *lines_of_long(v, code)]
     low, high = RANGES[code]
-    if code in _LONG:
-        # It may be any integer of JSON, but without blanks around it: `strip` returns a text itself that has none.
-        lines += [f"text = {v}", "if text.strip() is not text: return None", f"{v} = loads(text)"]
-        lines.append(f"if {v}.__class__ is not int: return None")
-    else:
-        lines.append(f"if {v}.__class__ is not int: return None")
-    return [*lines, f"if not {low} <= {v} <= {high}: return None"]
+    return [*lines, f"if {v}.__class__ is not int: return None", f"if not {low} <= {v} <= {high}: return None"]
 
 
-def _lines_of_rounding(v: str) -> list[str]:
+def lines_of_long(v: str, code: int) -> list[str]:
+    """Lines that make an Int64 or UInt64 of its text, or give up.
+
+    It may be any integer of JSON, but without blanks around it: `strip` returns a text itself that has none.
+    """
+    low, high = RANGES[code]
+    return [
+        f"text = {v}",
+        "if text.strip() is not text: return None",
+        f"{v} = loads(text)",
+        f"if {v}.__class__ is not int or not {low} <= {v} <= {high}: return None",
+    ]
+
+
+def lines_of_rounding(v: str) -> list[str]:
     """Lines that make a float the nearest Float, or give up on one beyond them.
 
     Mostly it is one already: then it is the same as its 24 leading bits, which Veltkamp's splitting gives, and has the
@@ -200,7 +216,7 @@ def write_fields(
     for index, (field, code) in enumerate(zip(fields, types, strict=True)):
         variable, place = f"v{index}", f"payload[{field.name!r}]"
         places.append(place)
-        if code != field.code or code not in _PLAIN or field.names is not None:
+        if code != field.code or code not in PLAIN or field.names is not None:
             names[f"field{index}"] = field
             checks.append(f"{variable} = encode_general(writing, field{index}, {code}, {variable})")
             if not writing.verbose:
@@ -244,4 +260,4 @@ def _write_checks(v: str, code: int) -> list[str]:
         return lines_of_encoding(v, v, v)
     low, high = RANGES[code]
     lines = [f"if {v}.__class__ is not int or not {low} <= {v} <= {high}: raise TypeError"]
-    return [*lines, f"{v} = str({v})"] if code in _LONG else lines
+    return [*lines, f"{v} = str({v})"] if code in LONG else lines

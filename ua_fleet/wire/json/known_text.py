@@ -1,9 +1,10 @@
 """Key frames whose text has been seen before but for its MessageId, sequence number, time and payload.
 
 Most messages of a DataSetWriter differ in nothing else. What stands around those four is compared as bytes, so that
-only the payload is parsed. An outline is learned from a message that was read the usual way. It is tried out first:
-what it says of a text has to be what the text says when it is parsed. A text that is not of a known outline is not read
-here, so this reads nothing that the usual way reads otherwise.
+only the payload is parsed, straight into its values where its fields have a plan for that. An outline is learned from a
+message that was read the usual way. It is tried out first: what it says of a text has to be what the text says when it
+is parsed. A text that is not of a known outline is not read here, so this reads nothing that the usual way reads
+otherwise.
 """
 
 from __future__ import annotations
@@ -81,18 +82,17 @@ def decode_known_text(
     if text[:_ID] != _BEGIN or text[-3:] != _END or not digits.isdigit():
         return None
     try:
-        # What stands at these three places alone is parsed, so that what is no JSON is none here either.
+        # What stands at these places, and the payload, alone is parsed, so that what is no JSON is none here either.
         message_id = loads(text[_ID - 1 : id_end + 1])
         number = loads(text[number_at + _NUMBER_SIZE : number_end])
-        payload = loads(text[z_at + tail_size : -3])
     except (ValueError, RecursionError):  # orjson.JSONDecodeError is a ValueError
         return None
     # A MessageId that has an escaped quotation mark ends earlier here, and is no text then.
-    if number.__class__ is not int or not 0 <= number <= _UINT32 or payload.__class__ is not dict or not message_id:
+    if number.__class__ is not int or not 0 <= number <= _UINT32 or not message_id:
         return None
     if group is None and source.writer_group_name is not None:
         its_source = its_source._replace(writer_group_name=source.writer_group_name)
-    ticks = second + int(digits)
+    ticks, payload = second + int(digits), text[z_at + tail_size : -3]
     return data_of_key_frame(message_id, its_source, number, ticks, status, major, minor, payload, fields_of, limits)
 
 

@@ -10,8 +10,11 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple, cast
 
+from orjson import loads
+
 from ua_fleet.wire.json.causes import Leniency
 from ua_fleet.wire.json.data_messages import FieldsOf, JsonData, Source
+from ua_fleet.wire.json.data_sets import DataSetFields
 from ua_fleet.wire.json.dates import usual_date
 from ua_fleet.wire.json.parsing import DEFAULT_LIMITS, Limits, is_deeper
 from ua_fleet.wire.messages import DataSetMessage, FieldEncoding, FrameKind, NetworkMessage, PublisherIdType
@@ -122,24 +125,21 @@ def data_of_key_frame(
     status: int | None,
     major_version: int | None,
     minor_version: int | None,
-    payload: dict[str, Any],
+    payload: Any,
     fields_of: FieldsOf,
     limits: Limits,
 ) -> JsonData | None:
     """The NetworkMessage of one key frame; None without metadata of its version, or where its payload is not usual.
 
     The arguments are the parts of a KeyFrame, which the fastest way does not put together, and what a message may have.
+    The payload is an object, or the bytes of a text, which may be no JSON.
     """
     fields = fields_of(source)
     if fields is None or not (major_version is None or major_version == fields.major_version):
         return None
-    if fields.may_nest:
-        if is_deeper(payload, limits.depth - _AROUND_PAYLOAD):
-            return None
-        fields.reading.packed = 0
-    values = fields.decode_usual(fields.reading, payload)
+    values = fields.decode_text(payload) if payload.__class__ is bytes else None
     if values is None:
-        values = fields.planned(payload)
+        values = _values_of(fields, payload, limits)
         if values is None:
             return None
     publisher_id, group, writer_id = source[0], source[1], source[2]  # faster than to take a NamedTuple apart
@@ -155,6 +155,23 @@ def data_of_key_frame(
     )
     result: JsonData = _new(JsonData, (network_message, (source,), message_id, group, _NOTHING))
     return result
+
+
+def _values_of(fields: DataSetFields, payload: Any, limits: Limits) -> tuple[Any, ...] | None:
+    """The values of a payload by a plan for objects."""
+    if payload.__class__ is bytes:
+        try:
+            payload = loads(payload)
+        except (ValueError, RecursionError):  # orjson.JSONDecodeError is a ValueError
+            return None
+        if payload.__class__ is not dict:
+            return None
+    if fields.may_nest:
+        if is_deeper(payload, limits.depth - _AROUND_PAYLOAD):
+            return None
+        fields.reading.packed = 0
+    values = fields.decode_usual(fields.reading, payload)
+    return fields.planned(payload) if values is None else values
 
 
 _GOOD: Final = {dict: 0}

@@ -9,18 +9,22 @@ from pathlib import Path
 import pytest
 
 from tests.kill_points import counted_syncs, kill_points
-from tests.unit.operation.runs.recorded_world import Machines, RecordedWorld
+from tests.unit.operation.runs.recorded_world import ROBOTS, Machines, RecordedWorld
 from ua_fleet.errors import StorageUnavailable
+from ua_fleet.orchestrator import Output, RunChanged
 from ua_fleet.scenario.facts import TaskAssigned, TaskOutcome, TaskOver, Then
 from ua_fleet.skill.executions import ExecutionReport, ExecutionState, Target
 from ua_fleet.skill.journal import RecordedExecution
 from ua_fleet.storage.database import Database
 from ua_fleet.storage.server_records import ServerRecords
+from ua_fleet.wire.actions import ActionMessage
 
+LEFT = next(skill for skill, robot in ROBOTS.items() if robot == "left")
 TASKS = 5
 CHAIN = "version: 1\nname: chain\nsteps:\n" + "".join(
     f"  - {{task: t{number}, skill: grab, robot: left, arguments: {{angle: {number}}}}}\n" for number in range(TASKS)
 )
+BESIDE = "version: 1\nname: beside\nsteps:\n  - {task: one, skill: grab, robot: right, arguments: {angle: 0}}\n"
 PAIR = """\
 version: 1
 name: pair
@@ -44,6 +48,11 @@ def over(records: ServerRecords) -> int:
 
 def requested(records: ServerRecords) -> list[str]:
     return [request.execution_id.hex() for request in records.requests.requests()]
+
+
+def asked_of(world: RecordedWorld, skill: int) -> list[ActionMessage]:
+    """What a robot was asked to begin."""
+    return [one for one in world.asked() if one.timeout_hint_ms and one.data_set_writer_id == skill]
 
 
 def test_a_task_costs_two_syncs(tmp_path: Path) -> None:
@@ -145,24 +154,25 @@ def test_a_request_that_is_taken_back_before_its_turn_is_not_sent(tmp_path: Path
     with kill_points(tmp_path / "state", tmp_path) as points:
         world = RecordedWorld(tmp_path / "state")
         world.output_s = 1.0
+        world.start(BESIDE)
+        [beside] = requested(world.file)
         run_id = world.start(CHAIN)
-        assert assigned(world.file) == requested(world.file), "recorded, and behind what takes its time"
-        assert world.sent == []
+        assert set(assigned(world.file)) == set(requested(world.file)), "recorded, and behind what takes its time"
+        assert (len(requested(world.file)), asked_of(world, LEFT)) == (2, [])
         world.service.runs.abort(run_id, "enough", "anna")
         world.pass_time(60.0)
-        assert world.sent == []
+        assert asked_of(world, LEFT) == []
         assert world.ended() == ["aborted enough"]
-        assert (len(assigned(world.file)), requested(world.file), over(world.file)) == (1, [], 1)
+        assert (len(assigned(world.file)), requested(world.file), over(world.file)) == (2, [beside], 1)
         world.close()
     aborted = 0
     for point, _ in points.made:
         again = RecordedWorld(point)
         outcomes = [str(run.ended) for run in again.file.runs.runs()]
         is_to_end = over(again.file) or any(again.service.must_not_begin())
-        asked = [one for one in again.asked() if one.timeout_hint_ms]
         if is_to_end:
             aborted += 1
-            assert asked == [], f"{point}: {outcomes}"
+            assert asked_of(again, LEFT) == [], f"{point}: {outcomes}"
         again.close()
     assert aborted > 1
 
@@ -228,3 +238,23 @@ def test_a_disk_that_cannot_be_synced_lets_nothing_out(tmp_path: Path, monkeypat
     assert again.ended() == ["done"]
     assert len(again.machines.told) == TASKS
     again.close()
+
+
+def test_a_robot_is_asked_for_its_next_task_before_the_end_of_the_last_one_is_shown(tmp_path: Path) -> None:
+    seen: list[str] = []
+
+    class Seeing(RecordedWorld):
+        def show(self, output: Output) -> None:
+            super().show(output)
+            seen.append(type(output.fact if isinstance(output, RunChanged) else output).__name__)
+
+    world = Seeing(tmp_path)
+    world.start(CHAIN)
+    [first] = world.asked()
+    world.respond(first)
+    seen.clear()
+    world.before_send = lambda: seen.append("asked")
+    world.end()
+    told = [what for what in seen if what in ("asked", "TaskOver", "TaskAssigned", "TaskStarted")]
+    assert told == ["asked", "TaskOver", "TaskAssigned", "TaskStarted"]
+    world.close()

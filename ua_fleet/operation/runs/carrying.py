@@ -1,14 +1,16 @@
 """What has happened is written down, and then carried out.
 
-    outputs -> unwritten --one transaction--> robots are asked --> carried out and shown
-                                              each one by one, in their order
+    outputs -> unwritten --one transaction--> written --one by one, in their order--> carried out
 
-To show a fact takes longer than to ask a robot, and no robot is asked otherwise for it: so those that are to go on do
-not wait for that. A task that its robot can be asked for at once is written down with the request for it, in the same
-transaction. What follows from one input is written down as one, before any of it is carried out or shown; so is all
-that follows from carrying that out, once it is done. Where writing fails it is tried again until it is written: nothing
-is carried out meanwhile, and nothing is lost. A thousand robots that fall silent at once are one transaction; what
-cannot be carried out in `TURN_S` waits for the next turn of the event loop, with all that comes behind it.
+To show a fact takes longer than to ask a robot, and no robot is asked otherwise for it: so what robots bring has the
+next ones asked before anything of it is shown. What a command brings is shown in its turn, since whoever gave the
+command looks for it in nodes as soon as the answer is there, and the disk may take its time.
+
+A task that its robot can be asked for at once is written down with the request for it, in the same transaction. What
+follows from one input is written down as one, before any of it is carried out or shown; so is all that follows from
+carrying that out, once it is done. Where writing fails it is tried again until it is written: nothing is carried out
+meanwhile, and nothing is lost. A thousand robots that fall silent at once are one transaction; what cannot be carried
+out in `TURN_S` waits for the next turn of the event loop, with all that comes behind it.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ TaskOutput = TaskStarted | TaskCancelled | TaskFollowed | OperatorAsked
 RETRY_S: Final = 1.0
 """After a journal that could not be written it is tried again after so long."""
 TURN_S: Final = 0.03
-"""So long outputs are carried out before others get their turn in the event loop."""
+"""So long robots are asked, and so long outputs are carried out, before others get their turn in the event loop."""
 
 
 class TaskRecords(Protocol):
@@ -171,7 +173,7 @@ class OutputCarrier:
         try:
             with self._journal.one_sync():
                 self._write()
-                self._carry_out_written()
+                self._carry_out_written(asks_first=not must_be_written)
         except StorageUnavailable as error:
             if self._retry_at is None:
                 self._log.error("runs cannot be recorded and are suspended", reason=str(error))
@@ -183,7 +185,7 @@ class OutputCarrier:
             self._is_carrying_out = False
         self._sooner()
 
-    def _carry_out_written(self) -> None:
+    def _carry_out_written(self, *, asks_first: bool) -> None:
         if self._goes_on_at is not None:
             return  # it is written, and has its place behind what waits
         until = self._clock() + TURN_S
@@ -193,8 +195,10 @@ class OutputCarrier:
             elif self._clock() > until:
                 self._goes_on_at = self._clock()
                 return
-            elif self._to_ask:
+            elif self._to_ask and (asks_first or self._to_ask[0] is self._written[0]):
                 self._ask_one(self._to_ask.popleft())
+                if asks_first and not self._to_ask:
+                    until = self._clock() + TURN_S  # a slow disk keeps back requests, and nothing that is shown
             else:
                 self._carry_out_one(self._written.popleft())
 

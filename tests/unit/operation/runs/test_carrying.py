@@ -33,11 +33,12 @@ class NothingPrepared:
 
 
 class Carrying:
-    """A carrier whose outputs take `output_s` each, and what it has done."""
+    """A carrier whose outputs take `output_s` each, and `ask_s` to ask a robot, and what it has done."""
 
-    def __init__(self, folder: Path, output_s: float = 0.0) -> None:
+    def __init__(self, folder: Path, output_s: float = 0.0, ask_s: float | None = None) -> None:
         self.journal = FailingJournal(folder / "runs.db")
         self.now, self._output_s = 100.0, output_s
+        self._ask_s = output_s if ask_s is None else ask_s
         self.done: list[Output] = []
         self.asked: list[TaskOutput] = []
         self.shown_before: list[int] = []
@@ -60,7 +61,7 @@ class Carrying:
         )
 
     def _ask(self, output: TaskOutput, taken_back: Collection[str]) -> None:
-        self.now += self._output_s
+        self.now += self._ask_s
         self.asked.append(output)
         self.shown_before.append(len(self.done))
         if isinstance(output, TaskStarted):
@@ -171,3 +172,20 @@ def test_robots_are_asked_before_what_a_turn_has_left_to_show(tmp_path: Path) ->
     world.turns()
     assert (world.asked, world.shown_before) == ([begun("a")], [left])
     assert world.done == [*faults(), begun("a")]
+
+
+def test_what_a_command_brings_is_shown_before_robots_are_asked(tmp_path: Path) -> None:
+    world = Carrying(tmp_path)
+    outputs = [*faults(2), begun("a"), *faults(1, 2), begun("b"), begun("c")]
+    world.carrier.do(outputs, must_be_written=True)
+    assert world.asked == [begun("a"), begun("b"), begun("c")]
+    assert world.shown_before == [2, 4, 5]
+    assert world.done == outputs
+
+
+def test_a_slow_disk_keeps_nothing_back_that_is_shown(tmp_path: Path) -> None:
+    world = Carrying(tmp_path, output_s=0.001, ask_s=10 * TURN_S)
+    outputs = [*faults(3), begun("a")]
+    world.carrier.do(outputs)
+    assert (world.asked, world.done) == ([begun("a")], outputs)
+    assert not world.carrier.is_behind

@@ -131,16 +131,9 @@ class ScenarioService:
             mistakes=mistakes,
             log=log,
         )
+        ask, carry_out, not_asked = self._ask, self._carry_out, self._not_asked
         self._carrier = OutputCarrier(
-            journal,
-            self._tasks,
-            self._ask,
-            self._carry_out,
-            self._not_asked,
-            mistakes=mistakes,
-            log=log,
-            clock=clock,
-            sooner=sooner,
+            journal, self._tasks, ask, carry_out, not_asked, mistakes=mistakes, log=log, clock=clock, sooner=sooner
         )
         self._do = self._carrier.do
         fleet = fleet_view(model.robots, self._values.meanings, capacities)

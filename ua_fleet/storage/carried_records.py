@@ -65,7 +65,7 @@ class CarriedRecords:
             place: the bridge's `state_dir`; or a file that is open and has CARRIED_TABLES.
         """
         if isinstance(place, Path):
-            place = Database(place / CARRIED_FILE, version=_VERSION, schema=CARRIED_TABLES)
+            place = Database(place / CARRIED_FILE, version=_VERSION, schema=CARRIED_TABLES, is_prompt=True)
         self._database = place
         self.runs: RunJournal = _KeptRuns(self._database)
         """Of segments."""

@@ -3,6 +3,10 @@
 A file is used by one process at a time: it stays locked until it is closed or the process ends, whichever way. What
 `Database.commit` returned from is on the disk (WAL with synchronous=FULL: the log is synced at each commit).
 
+The log of a file whose commits are waited for (`is_prompt`) has its length from the beginning: a sync of one that has
+grown writes what the file system records of it, too. The zeros behind the last commit are none to SQLite, since no
+frame of a log is of page 0.
+
 Within `one_sync` a commit is whole or not there as ever, and outlives a kill of the process; the disk is synced once,
 by `settle`, before anything of it leaves the process, and at the end. After a power cut the first commits are there,
 without a gap.
@@ -32,7 +36,9 @@ Statement = tuple[str, Sequence[Any]]
 Run = Callable[[str, Sequence[Any]], object]
 """Does a statement, within a transaction."""
 _CHECKPOINT_PAGES: Final = 1_000
-"""Of the log, as SQLite has it: so many are written into the file at once."""
+"""Of the log, as SQLite has it: so many are written into the file at once, and the log begins anew."""
+_LOG_BYTES: Final = 32 + (_CHECKPOINT_PAGES + 64) * (24 + 4_096)
+"""Of a log with so many pages, each with its head, and with those of the commit that passes them."""
 _LOCK_WAIT_S: Final = 1.0
 """How long the end of a process that still holds the file is waited for."""
 _FULL: Final = (sqlite3.SQLITE_FULL,)
@@ -54,6 +60,7 @@ class Database:
         fill: Callable[[Run], None] = lambda run: None,
         settings: Sequence[str] = (),
         is_checked: bool = True,
+        is_prompt: bool = False,
     ) -> None:
         """Open a file, or make it with its folder; only its owner may read both.
 
@@ -65,10 +72,12 @@ class Database:
             fill: puts in what an empty file has from the beginning; that and the schema are one commit.
             settings: statements that are done before all others.
             is_checked: whether the whole file is looked at when it is opened, which takes seconds for a large one.
+            is_prompt: whether somebody waits for commits: for 4 MB of the disk each takes about half the time.
         """
         if problem := unfinished_restore(path.parent):
             raise StorageUnavailable(problem)
         self.path = path
+        self._is_prompt = is_prompt
         self._shares_sync = False
         self._is_unsynced = False
         """Whether something was committed that the next `settle` has to sync."""
@@ -87,6 +96,7 @@ class Database:
                 self._prepare(version, schema, fill, is_checked=is_checked)
                 for statement in additions:
                     self._connection.execute(statement)
+                self._lengthen_log()
         except BaseException:
             self._connection.close()
             raise
@@ -186,6 +196,21 @@ class Database:
         """Let the log be written into the file again."""
         with _errors(self.path):
             self._connection.execute(f"PRAGMA wal_autocheckpoint={_CHECKPOINT_PAGES}")
+            self._lengthen_log()
+
+    def _lengthen_log(self) -> None:
+        """Give the log its length, where it is shorter. Only while the file is locked: others would be at its end."""
+        if not self._is_prompt:
+            return
+        log = os.open(f"{self.path}-wal", os.O_RDWR | os.O_CLOEXEC)
+        try:
+            length = os.fstat(log).st_size
+            with contextlib.suppress(OSError):  # of a disk that is full: what is recorded finds it out, or has room yet
+                # Written, since space that is only reserved is one more record of the file system when it is used.
+                os.pwrite(log, bytes(max(0, _LOG_BYTES - length)), length)
+            os.fdatasync(log)
+        finally:
+            os.close(log)
 
     def _prepare(self, version: int, schema: Sequence[str], fill: Callable[[Run], None], *, is_checked: bool) -> None:
         run = self._connection.execute

@@ -79,7 +79,9 @@ class SqliteJournal:
         """
         self._owned: Database | None = None
         if isinstance(file, Path):
-            file = self._owned = Database(file, version=_VERSION, schema=_SCHEMA, additions=(_VERSIONS,))
+            file = self._owned = Database(
+                file, version=_VERSION, schema=_SCHEMA, additions=(_VERSIONS,), is_prompt=True
+            )
         self._database = file
 
     def close(self) -> None:

@@ -111,6 +111,7 @@ class ServerRecords:
             schema=(*REGISTRY_TABLES, *REQUEST_TABLES, *EXECUTION_TABLES, *RUN_TABLES, _TAKEN_OVER),
             additions=ALARM_TABLES,
             fill=lambda run: _take_over(state_dir, run),
+            is_prompt=True,
         )
         try:
             self._mark_old_files(state_dir)

@@ -216,3 +216,82 @@ def test_after_a_sync_that_failed_nothing_is_said_to_be_on_the_disk(
         put(database, "b")
     with pytest.raises(StorageUnavailable, match=said):
         database.settle()
+
+
+def put_long(database: Database, first: int, count: int) -> None:
+    for number in range(first, first + count):
+        put(database, f"{number:06}" * 100)
+
+
+def names_in(path: Path) -> list[int]:
+    database = Database(path, version=3, schema=SCHEMA, is_prompt=True)
+    names = [int(name[:6]) for (name,) in database.read("SELECT name FROM things ORDER BY name")]
+    database.close()
+    return names
+
+
+@pytest.fixture
+def prompt(tmp_path: Path) -> Iterator[Database]:
+    made = Database(tmp_path / "state" / "journal.db", version=3, schema=SCHEMA, is_prompt=True)
+    yield made
+    made.close()
+
+
+def test_commits_that_are_waited_for_leave_the_log_as_long_as_it_is(prompt: Database) -> None:
+    log = Path(f"{prompt.path}-wal")
+    length, size = log.stat().st_size, prompt.path.stat().st_size
+    blocks = log.stat().st_blocks * 512
+    assert blocks >= length > 0, "written, and not only reserved"
+    put_long(prompt, 0, 1500)
+    assert prompt.path.stat().st_size > size, "the log has begun anew meanwhile"
+    assert (log.stat().st_size, log.stat().st_blocks * 512) == (length, blocks)
+    prompt.close()
+    assert names_in(prompt.path) == list(range(1500))
+
+
+def test_the_log_has_its_length_again_after_a_backup_and_a_start(prompt: Database, tmp_path: Path) -> None:
+    log = Path(f"{prompt.path}-wal")
+    length = log.stat().st_size
+    prompt.hold()
+    assert log.stat().st_size == 0
+    put_long(prompt, 0, 3)
+    prompt.release()
+    assert log.stat().st_size == length
+    put_long(prompt, 3, 3)
+    prompt.close()
+    again = Database(prompt.path, version=3, schema=SCHEMA, is_prompt=True)
+    assert log.stat().st_size == length
+    put_long(again, 6, 3)
+    again.close()
+    assert names_in(prompt.path) == list(range(9))
+
+
+@pytest.mark.parametrize("count", [1, 5, 200])
+def test_a_kill_and_a_power_cut_leave_the_first_commits_without_a_gap(
+    prompt: Database, tmp_path: Path, count: int
+) -> None:
+    put_long(prompt, 0, count)
+    pairs = (prompt.path.read_bytes(), Path(f"{prompt.path}-wal").read_bytes())
+    for lost in (0, 1, 4096, 3 * 4120 + 7):
+        folder = tmp_path / f"cut-{lost}"
+        folder.mkdir()
+        content, log = pairs
+        end = len(log.rstrip(b"\0")) - lost
+        (folder / "journal.db").write_bytes(content)
+        (folder / "journal.db-wal").write_bytes(log[:end] + bytes(len(log) - end))
+        found = names_in(folder / "journal.db")
+        assert found == list(range(len(found)))
+        assert len(found) == count if lost == 0 else len(found) < count
+
+
+def test_a_disk_without_room_for_the_log_s_length_keeps_nobody_from_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "pwrite", full)
+    database = Database(tmp_path / "journal.db", version=3, schema=SCHEMA, is_prompt=True)
+    put_long(database, 0, 10)
+    database.close()
+    assert names_in(database.path) == list(range(10))

@@ -2,11 +2,15 @@
 
     outputs -> unwritten --one transaction--> written --one by one, in their order--> carried out
 
-A task that its robot can be asked for at once is written down with the request for it, in the same transaction.
-What follows from one input is written down as one, before any of it is carried out or shown; so is all that follows
-from carrying that out, once it is done. Where writing fails it is tried again until it is written: nothing is carried
-out meanwhile, and nothing is lost. A thousand robots that fall silent at once are one transaction; what cannot be
-carried out in `TURN_S` waits for the next turn of the event loop, with all that comes behind it.
+To show a fact takes longer than to ask a robot, and no robot is asked otherwise for it: so what robots bring has the
+next ones asked before anything of it is shown. What a command brings is shown in its turn, since whoever gave the
+command looks for it in nodes as soon as the answer is there, and the disk may take its time.
+
+A task that its robot can be asked for at once is written down with the request for it, in the same transaction. What
+follows from one input is written down as one, before any of it is carried out or shown; so is all that follows from
+carrying that out, once it is done. Where writing fails it is tried again until it is written: nothing is carried out
+meanwhile, and nothing is lost. A thousand robots that fall silent at once are one transaction; what cannot be carried
+out in `TURN_S` waits for the next turn of the event loop, with all that comes behind it.
 """
 
 from __future__ import annotations
@@ -17,17 +21,30 @@ from typing import Final, Protocol
 
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.operation.log import Log, MistakeLog
-from ua_fleet.orchestrator import Fault, FaultChanged, HaltChanged, HoldChanged, Output, TaskCancelled, TaskStarted
+from ua_fleet.orchestrator import (
+    Fault,
+    FaultChanged,
+    HaltChanged,
+    HoldChanged,
+    OperatorAsked,
+    Output,
+    TaskCancelled,
+    TaskFollowed,
+    TaskStarted,
+)
 from ua_fleet.scenario.facts import Fact
 from ua_fleet.skill.journal import RecordedExecution, RecordedRequest
 from ua_fleet.storage.run_journal import RunJournal
 
-__all__ = ["OutputCarrier"]
+__all__ = ["OutputCarrier", "TaskOutput"]
+
+TaskOutput = TaskStarted | TaskCancelled | TaskFollowed | OperatorAsked
+"""What robots are asked, or listened to, for."""
 
 RETRY_S: Final = 1.0
 """After a journal that could not be written it is tried again after so long."""
 TURN_S: Final = 0.03
-"""So long outputs are carried out before others get their turn in the event loop."""
+"""So long robots are asked, and so long outputs are carried out, before others get their turn in the event loop."""
 
 
 class TaskRecords(Protocol):
@@ -54,7 +71,8 @@ class OutputCarrier:
         self,
         journal: RunJournal,
         requests: TaskRecords,
-        carry_out: Callable[[Output, Collection[str]], None],
+        ask: Callable[[TaskOutput, Collection[str]], None],
+        carry_out: Callable[[Output], None],
         failed: Callable[[str, Exception], None],
         *,
         mistakes: MistakeLog,
@@ -67,16 +85,20 @@ class OutputCarrier:
         Args:
             journal: of runs, faults, halts, holds and the requests for tasks.
             requests: are made when tasks are carried out, and may be recorded before.
-            carry_out: carries one output out; told of the executions that an output behind it takes back.
+            ask: asks robots what an output is about; told of the executions that an output behind it takes back.
+            carry_out: does all else that an output brings, after `ask`.
             failed: told of an execution whose robot could not be asked, for a mistake of ours.
             mistakes: counts what has cost an output.
             log: is told when nothing can be written.
             clock: monotonic seconds.
             sooner: called when something was done, so that deadlines may have come nearer.
         """
-        self._journal, self._requests, self._carry_out, self._failed = journal, requests, carry_out, failed
+        self._journal, self._requests, self._failed = journal, requests, failed
+        self._ask, self._carry_out = ask, carry_out
         self._mistakes, self._log, self._clock, self._sooner = mistakes, log, clock, sooner
         self._unwritten_facts: list[tuple[str, Fact]] = []
+        self._to_ask: deque[TaskOutput] = deque()
+        """Of `_written`, those that robots are to be asked for yet."""
         self._written: deque[Output] = deque()
         """Outputs that may be carried out: their facts are written."""
         self._unwritten: list[Output] = []
@@ -151,7 +173,7 @@ class OutputCarrier:
         try:
             with self._journal.one_sync():
                 self._write()
-                self._carry_out_written()
+                self._carry_out_written(asks_first=not must_be_written)
         except StorageUnavailable as error:
             if self._retry_at is None:
                 self._log.error("runs cannot be recorded and are suspended", reason=str(error))
@@ -163,7 +185,7 @@ class OutputCarrier:
             self._is_carrying_out = False
         self._sooner()
 
-    def _carry_out_written(self) -> None:
+    def _carry_out_written(self, *, asks_first: bool) -> None:
         if self._goes_on_at is not None:
             return  # it is written, and has its place behind what waits
         until = self._clock() + TURN_S
@@ -173,22 +195,34 @@ class OutputCarrier:
             elif self._clock() > until:
                 self._goes_on_at = self._clock()
                 return
+            elif self._to_ask and (asks_first or self._to_ask[0] is self._written[0]):
+                self._ask_one(self._to_ask.popleft())
+                if asks_first and not self._to_ask:
+                    until = self._clock() + TURN_S  # a slow disk keeps back requests, and nothing that is shown
             else:
                 self._carry_out_one(self._written.popleft())
 
-    def _carry_out_one(self, output: Output) -> None:
+    def _ask_one(self, output: TaskOutput) -> None:
         if isinstance(output, TaskCancelled):
             self._taken_back[output.execution_id] -= 1
             if not self._taken_back[output.execution_id]:
                 del self._taken_back[output.execution_id]
         try:
-            self._carry_out(output, self._taken_back.keys())
+            self._ask(output, self._taken_back.keys())
         except StorageUnavailable:
             raise
         except Exception as error:  # noqa: BLE001 - the outputs behind it are other runs' too
             self._mistakes.caught("outputs of runs", error, what=type(output).__name__)
             if isinstance(output, TaskStarted):
                 self._failed(output.execution_id, error)
+
+    def _carry_out_one(self, output: Output) -> None:
+        try:
+            self._carry_out(output)
+        except StorageUnavailable:
+            raise
+        except Exception as error:  # noqa: BLE001 - the outputs behind it are other runs' too
+            self._mistakes.caught("outputs of runs", error, what=type(output).__name__)
 
     def _write(self) -> None:
         facts, faults, halts, holds = (
@@ -208,5 +242,6 @@ class OutputCarrier:
                 self._log.info("runs are recorded again and go on")
             for written in (facts, faults, halts, holds):
                 written.clear()
+        self._to_ask += [one for one in self._unwritten if isinstance(one, TaskOutput)]
         self._written += self._unwritten
         self._unwritten.clear()

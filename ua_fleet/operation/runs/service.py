@@ -17,7 +17,7 @@ from ua_fleet.errors import ScenarioError, StorageUnavailable
 from ua_fleet.fleet.capacities import Capacities
 from ua_fleet.fleet.model import FleetModel, RobotModel
 from ua_fleet.operation.log import Log, MistakeLog
-from ua_fleet.operation.runs.carrying import OutputCarrier
+from ua_fleet.operation.runs.carrying import OutputCarrier, TaskOutput
 from ua_fleet.operation.runs.decision_judgements import DecisionJudgements
 from ua_fleet.operation.runs.fault_reports import FaultReports
 from ua_fleet.operation.runs.holding import RobotHolds
@@ -41,14 +41,12 @@ from ua_fleet.orchestrator import (
     DecisionChanged,
     Fault,
     FaultChanged,
-    OperatorAsked,
     Orchestrator,
     Output,
     ResilienceSettings,
     RunBroken,
     RunChanged,
     TaskCancelled,
-    TaskFollowed,
     TaskStarted,
     TaskWaiting,
 )
@@ -133,9 +131,9 @@ class ScenarioService:
             mistakes=mistakes,
             log=log,
         )
-        carry_out, not_asked = self._carry_out, self._not_asked
+        ask, carry_out, not_asked = self._ask, self._carry_out, self._not_asked
         self._carrier = OutputCarrier(
-            journal, self._tasks, carry_out, not_asked, mistakes=mistakes, log=log, clock=clock, sooner=sooner
+            journal, self._tasks, ask, carry_out, not_asked, mistakes=mistakes, log=log, clock=clock, sooner=sooner
         )
         self._do = self._carrier.do
         fleet = fleet_view(model.robots, self._values.meanings, capacities)
@@ -361,14 +359,16 @@ class ScenarioService:
 
     # Carrying out.
 
-    def _carry_out(self, output: Output, taken_back: Collection[str]) -> None:
+    def _ask(self, output: TaskOutput, taken_back: Collection[str]) -> None:
         if isinstance(output, TaskStarted):
             self._tasks.begin(output, is_taken_back=output.execution_id in taken_back)
         elif isinstance(output, TaskCancelled):
             self._tasks.cancel(output)
-        elif isinstance(output, OperatorAsked | TaskFollowed):
+        else:
             self._tasks.follow(output)
-        elif isinstance(output, RunBroken):
+
+    def _carry_out(self, output: Output) -> None:
+        if isinstance(output, RunBroken):
             self._mistakes.caught("runs", output.error, run_id=output.run_id)
         self._show(output)
         if isinstance(output, DecisionChanged):

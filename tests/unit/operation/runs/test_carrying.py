@@ -11,7 +11,7 @@ import structlog
 from tests.unit.operation.runs.world import FailingJournal
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.monitoring.mistakes import Mistakes
-from ua_fleet.operation.runs.carrying import TURN_S, OutputCarrier
+from ua_fleet.operation.runs.carrying import TURN_S, OutputCarrier, TaskOutput
 from ua_fleet.operation.runs.task_calls import Recorded
 from ua_fleet.orchestrator import Fault, FaultChange, FaultChanged, Output, TaskCancelled, TaskStarted
 
@@ -33,12 +33,16 @@ class NothingPrepared:
 
 
 class Carrying:
-    """A carrier whose outputs take `output_s` each, and what it has done."""
+    """A carrier whose outputs take `output_s` each, and `ask_s` to ask a robot, and what it has done."""
 
-    def __init__(self, folder: Path, output_s: float = 0.0) -> None:
+    def __init__(self, folder: Path, output_s: float = 0.0, ask_s: float | None = None) -> None:
         self.journal = FailingJournal(folder / "runs.db")
         self.now, self._output_s = 100.0, output_s
+        self._ask_s = output_s if ask_s is None else ask_s
         self.done: list[Output] = []
+        self.asked: list[TaskOutput] = []
+        self.shown_before: list[int] = []
+        """How many outputs were carried out when robots were asked for each."""
         self.taken_back: list[bool] = []
         self.written_before: list[int] = []
         """How many faults were in the journal when each output was carried out."""
@@ -47,6 +51,7 @@ class Carrying:
         self.carrier = OutputCarrier(
             self.journal,
             NothingPrepared(),
+            self._ask,
             self._carry_out,
             lambda execution_id, error: None,
             mistakes=Mistakes(),
@@ -55,11 +60,16 @@ class Carrying:
             sooner=lambda: None,
         )
 
-    def _carry_out(self, output: Output, taken_back: Collection[str]) -> None:
-        self.now += self._output_s
-        self.written_before.append(len(self.journal.faults()))
+    def _ask(self, output: TaskOutput, taken_back: Collection[str]) -> None:
+        self.now += self._ask_s
+        self.asked.append(output)
+        self.shown_before.append(len(self.done))
         if isinstance(output, TaskStarted):
             self.taken_back.append(output.execution_id in taken_back)
+
+    def _carry_out(self, output: Output) -> None:
+        self.now += self._output_s
+        self.written_before.append(len(self.journal.faults()))
         number = len(self.done)
         self.done.append(output)
         self.carrier.do(self.follows.get(number, []))
@@ -135,9 +145,47 @@ def test_a_task_that_is_taken_back_in_a_later_turn_is_known_as_such(tmp_path: Pa
     world = Carrying(tmp_path, output_s=1.0)
     cancelled = TaskCancelled("b", "left", "grab")
     world.carrier.do([*faults(1), begun("a"), begun("b"), cancelled])
-    assert len(world.done) == 1
+    assert (world.asked, world.done) == ([begun("a")], [])
     world.turns()
     assert world.taken_back == [False, True]
     world.carrier.do([begun("b")])
     world.turns()
     assert world.taken_back == [False, True, False], "that was another time"
+
+
+def test_robots_are_asked_before_anything_is_shown_and_all_is_shown_in_its_order(tmp_path: Path) -> None:
+    world = Carrying(tmp_path)
+    outputs = [*faults(2), begun("a"), *faults(1, 2), TaskCancelled("b", "left", "grab"), begun("c")]
+    world.carrier.do(outputs)
+    assert world.asked == [begun("a"), TaskCancelled("b", "left", "grab"), begun("c")]
+    assert world.shown_before == [0, 0, 0]
+    assert world.done == outputs
+    assert world.journal.writes == 1
+
+
+def test_robots_are_asked_before_what_a_turn_has_left_to_show(tmp_path: Path) -> None:
+    world = Carrying(tmp_path, output_s=0.004)
+    world.carrier.do(faults())
+    left = len(world.done)
+    world.carrier.do([begun("a")])
+    assert world.asked == []
+    world.turns()
+    assert (world.asked, world.shown_before) == ([begun("a")], [left])
+    assert world.done == [*faults(), begun("a")]
+
+
+def test_what_a_command_brings_is_shown_before_robots_are_asked(tmp_path: Path) -> None:
+    world = Carrying(tmp_path)
+    outputs = [*faults(2), begun("a"), *faults(1, 2), begun("b"), begun("c")]
+    world.carrier.do(outputs, must_be_written=True)
+    assert world.asked == [begun("a"), begun("b"), begun("c")]
+    assert world.shown_before == [2, 4, 5]
+    assert world.done == outputs
+
+
+def test_a_slow_disk_keeps_nothing_back_that_is_shown(tmp_path: Path) -> None:
+    world = Carrying(tmp_path, output_s=0.001, ask_s=10 * TURN_S)
+    outputs = [*faults(3), begun("a")]
+    world.carrier.do(outputs)
+    assert (world.asked, world.done) == ([begun("a")], outputs)
+    assert not world.carrier.is_behind

@@ -11,6 +11,7 @@ import pytest
 from tests.kill_points import counted_syncs, kill_points
 from tests.unit.operation.runs.recorded_world import Machines, RecordedWorld
 from ua_fleet.errors import StorageUnavailable
+from ua_fleet.orchestrator import Output, RunChanged
 from ua_fleet.scenario.facts import TaskAssigned, TaskOutcome, TaskOver, Then
 from ua_fleet.skill.executions import ExecutionReport, ExecutionState, Target
 from ua_fleet.skill.journal import RecordedExecution
@@ -228,3 +229,23 @@ def test_a_disk_that_cannot_be_synced_lets_nothing_out(tmp_path: Path, monkeypat
     assert again.ended() == ["done"]
     assert len(again.machines.told) == TASKS
     again.close()
+
+
+def test_a_robot_is_asked_for_its_next_task_before_the_end_of_the_last_one_is_shown(tmp_path: Path) -> None:
+    seen: list[str] = []
+
+    class Seeing(RecordedWorld):
+        def show(self, output: Output) -> None:
+            super().show(output)
+            seen.append(type(output.fact if isinstance(output, RunChanged) else output).__name__)
+
+    world = Seeing(tmp_path)
+    world.start(CHAIN)
+    [first] = world.asked()
+    world.respond(first)
+    seen.clear()
+    world.before_send = lambda: seen.append("asked")
+    world.end()
+    told = [what for what in seen if what in ("asked", "TaskOver", "TaskAssigned", "TaskStarted")]
+    assert told == ["asked", "TaskOver", "TaskAssigned", "TaskStarted"]
+    world.close()

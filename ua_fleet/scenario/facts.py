@@ -116,6 +116,8 @@ class RunCarried:
     """Of the bridges."""
     plan_hash: str
     """In hexadecimal digits."""
+    first: int = 0
+    """The space of the bridge that begins; 0: an earlier version has not said it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,7 @@ from __future__ import annotations
 import secrets
 import zlib
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Final
 
@@ -33,13 +34,14 @@ from ua_fleet.carrying import Split, encode_part, parts_of, split
 from ua_fleet.carrying.token import Token, encode_token
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, UaFleetError
+from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, StorageUnavailable, UaFleetError
 from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.operation.runs.carried_adoption import Adoptions, plan_view
 from ua_fleet.operation.runs.carried_begun import Beginning, beginning_of, has_begun, has_not_begun
 from ua_fleet.operation.runs.carried_questions import BridgesAnswered, CarriedQuestions, is_good
 from ua_fleet.operation.runs.carried_state import AskedBridge, BridgeNames, CarriedPhase, FollowedRun
+from ua_fleet.operation.runs.followed_facts import FollowedFacts
 from ua_fleet.operation.runs.library import Checked, parameters_of
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.run_commands import new_run_id
@@ -64,7 +66,6 @@ from ua_fleet.scenario.facts import (
     StandInTold,
     StepStarted,
     decode_fact,
-    encode_fact,
 )
 from ua_fleet.scenario.parameters import checked_parameters
 from ua_fleet.skill.executions import EXECUTION_ID_BYTES, OutcomeKind, RequestOutcome, unpack
@@ -155,7 +156,7 @@ class CarriedRuns:
                 {space: AskedBridge(answered_at=clock()) for space in record.state.carried if space in self._names},
             )
             facts = service.facts_of(record.run_id)
-            run.known = {encode_fact(fact) for fact in facts}
+            run.known = FollowedFacts(facts)
             if any(isinstance(fact, RunPaused) for fact in facts):
                 self._pause(run, "the server", is_paused=record.state.paused)
             run.adopting = self._adoptions.again(record.run_id, facts)
@@ -213,7 +214,7 @@ class CarriedRuns:
         run.token = encode_token(Token(run_id, plan_hash, 1, 0, 0), ())
         run.until = self._clock() + OFFER_S
         created = RunCreated(now, run_id, scenario.text, parameters, by)
-        self._service.note_first(run_id, [created, RunCarried(now, plan.spaces, plan_hash.hex(), run.first)])
+        self._service.note_first(run_id, [created, RunCarried(now, plan.spaces, plan_hash.hex(), first=run.first)])
         self._runs[run_id] = run
         self._hold(run)
         self._log.info("carried run started", run_id=run_id, scenario=scenario.name, by=by)
@@ -387,6 +388,9 @@ class CarriedRuns:
             run.fetched.sort(key=lambda fact: fact.at)
             self._service.note(run.run_id, run.fetched)
             run.fetched = []
+            if past := run.known.forget():
+                with suppress(StorageUnavailable):  # they stay in the file then
+                    self._service.forget_facts(run.run_id, past)
         if run.decided and not run.fetched:  # after the facts that have led to them
             decided, run.decided = run.decided, []
             self._questions.take(run.run_id, decided)
@@ -544,8 +548,7 @@ class CarriedRuns:
         for line in words["facts"]:
             fact = decode_fact(line)
             is_ours = not isinstance(fact, _OF_SEGMENTS) and getattr(fact, "step", "x").partition("@")[0] != ""
-            if is_ours and (line := encode_fact(fact)) not in run.known:
-                run.known.add(line)
+            if is_ours and run.known.take(fact):
                 run.fetched_at = run.fetched_at if run.fetched else self._clock()
                 run.fetched.append(fact)
         run.decided += words.get("decisions", ())

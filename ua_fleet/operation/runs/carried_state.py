@@ -9,6 +9,7 @@ from typing import Any
 
 from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.operation.runs.carried_begun import Beginning
+from ua_fleet.operation.runs.followed_facts import FollowedFacts
 from ua_fleet.orchestrator import BridgeTold
 from ua_fleet.scenario.facts import Fact
 
@@ -96,7 +97,7 @@ class FollowedRun:
     """When the first of them came, by the monotonic clock."""
     late: dict[int, AskedBridge] = field(default_factory=dict[int, AskedBridge])
     """Bridges that are off, without which the run ends: they are told when they answer."""
-    known: set[str] = field(default_factory=set[str])
-    """Facts that are in the journal already, as lines."""
+    known: FollowedFacts = field(default_factory=FollowedFacts)
+    """Facts that are in the journal already, or are about to be."""
     shown: str = ""
     bridges_shown: Mapping[int, BridgeTold] = field(default_factory=dict[int, BridgeTold])

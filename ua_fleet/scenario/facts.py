@@ -118,6 +118,8 @@ class RunCarried:
     """In hexadecimal digits."""
     parts: Sequence[str] = ()
     """What each of the bridges got, likewise: another one may have to go on with it when fleet.yaml has changed."""
+    first: int = 0
+    """The space of the bridge that begins; 0: an earlier version has not said it."""
 
 
 @dataclass(frozen=True, slots=True)

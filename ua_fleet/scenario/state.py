@@ -221,13 +221,18 @@ class RunState:
             self.outside.setdefault(fact.task, False)
 
     def _forget_iteration(self, repeat: str, number: int) -> None:
-        """What was within an iteration is never looked at again, but for the last tasks, which people see."""
+        """What was within an iteration is never looked at again, but for the last tasks, which people see.
+
+        Of iterations before it something may have become known since, where several bridges carry the run.
+        """
         base, at, scope = repeat.partition("@")
-        body, within = f"{base}.repeat", f"{at}{scope}@{number}"
+        body, within = f"{base}.repeat", f"{at}{scope}@"
 
         def is_gone(key: str) -> bool:
             step, sign, rest = key.partition("@")
-            return step.startswith(body) and f"{sign}{rest}@".startswith(f"{within}@")
+            if not (step.startswith(body) and f"{sign}{rest}".startswith(within)):
+                return False
+            return int(f"{sign}{rest}"[len(within) :].partition("@")[0]) <= number
 
         def forget(keys: Iterable[str]) -> None:
             for key in keys:

@@ -6,7 +6,7 @@ after that alone. So a process that is killed at any moment finds all that robot
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final, NamedTuple, Self
@@ -150,6 +150,13 @@ class RunJournal:
                 f"{self._database.path} holds a fact of run {run_id} that is none ({error}); see what the robots are"
                 f" doing, then move the file away"
             ) from error
+
+    def forget(self, run_id: str, lines: Collection[str]) -> None:
+        """Forget some facts of a run, given as their lines; those that are not there cost nothing."""
+        rows = self._database.read("SELECT number, line FROM facts WHERE run_id = ?", (run_id,))
+        past = set(lines)
+        if statements := [("DELETE FROM facts WHERE number = ?", (number,)) for number, line in rows if line in past]:
+            self._database.commit(*statements)
 
     def faults(self) -> list[Fault]:
         """The faults that were active, or not acknowledged."""

@@ -3,7 +3,9 @@
     offering  each bridge is asked to take its part --all have-------------> beginning
               one refuses, or does not answer in time ---------------------> closing, as failed: nothing has begun
     beginning the first bridge is asked to take the token --it has---------> following
-              not in time: it may have begun ------------------------------> closing, as aborted
+              not in time, or the server has ended: it may have begun -----> asking
+    asking    what each bridge knows of the run --one has begun------------> following
+              the first one has had no token, or none knows anything ------> closing, as aborted
     following pages of each bridge's facts; one says that the run is over, and there are no more facts --> ended
               an operator pauses it, or has it go on: each bridge is told until it has acknowledged
               a bridge is silent, and an operator says that it is off --> adopting
@@ -14,9 +16,9 @@
     closing   each bridge is told the end --all have acknowledged----------> ended
               one is silent, and an operator says that it is off: it is told when it answers
 
-A run that was following when the server ended is followed by the next one; one that had not begun is closed. A bridge
-that is away keeps the run from ending here, and is named; the run itself goes on without the server. One that has left
-fleet.yaml cannot be asked: the run is followed, and ends, without it.
+A run that was following when the server ended is followed by the next one; of one that was offering or beginning, the
+bridges are asked. A bridge that is away keeps the run from ending here, and is named; the run itself goes on without
+the server. One that has left fleet.yaml cannot be asked: the run is followed, and ends, without it.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from __future__ import annotations
 import secrets
 import zlib
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Final
 
@@ -31,12 +34,14 @@ from ua_fleet.carrying import Split, encode_part, parts_of, split
 from ua_fleet.carrying.token import Token, encode_token
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, UaFleetError
+from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, StorageUnavailable, UaFleetError
 from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.operation.runs.carried_adoption import Adoptions, plan_view
+from ua_fleet.operation.runs.carried_begun import Beginning, beginning_of, has_begun, has_not_begun
 from ua_fleet.operation.runs.carried_questions import BridgesAnswered, CarriedQuestions, is_good
 from ua_fleet.operation.runs.carried_state import AskedBridge, BridgeNames, CarriedPhase, FollowedRun
+from ua_fleet.operation.runs.followed_facts import FollowedFacts
 from ua_fleet.operation.runs.library import Checked, parameters_of
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.run_commands import new_run_id
@@ -61,10 +66,10 @@ from ua_fleet.scenario.facts import (
     StandInTold,
     StepStarted,
     decode_fact,
-    encode_fact,
 )
 from ua_fleet.scenario.parameters import checked_parameters
 from ua_fleet.skill.executions import EXECUTION_ID_BYTES, OutcomeKind, RequestOutcome, unpack
+from ua_fleet.values import StatusCode
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
 __all__ = ["INSTANCE", "CarriedRuns"]
@@ -144,7 +149,6 @@ class CarriedRuns:
         self._questions = CarriedQuestions(self._names, self._ask, service.show_told)
         self._runs: dict[str, FollowedRun] = {}
         for record in service.carried:
-            has_begun = "" in record.state.started
             run = self._runs[record.run_id] = FollowedRun(
                 record.run_id,
                 _robots(service.check(f"{record.text}\n").scenario),
@@ -152,7 +156,7 @@ class CarriedRuns:
                 {space: AskedBridge(answered_at=clock()) for space in record.state.carried if space in self._names},
             )
             facts = service.facts_of(record.run_id)
-            run.known = {encode_fact(fact) for fact in facts}
+            run.known = FollowedFacts(facts)
             if any(isinstance(fact, RunPaused) for fact in facts):
                 self._pause(run, "the server", is_paused=record.state.paused)
             run.adopting = self._adoptions.again(record.run_id, facts)
@@ -161,8 +165,9 @@ class CarriedRuns:
             closing = record.state.closing
             if closing is not None:
                 self._close(run, closing.outcome.value, closing.reason, is_noted=True)
-            elif not has_begun:
-                self._close(run, "aborted", "the server ended before every bridge had its part")
+            elif "" not in record.state.started:
+                run.first = next((fact.first for fact in facts if isinstance(fact, RunCarried)), 0)
+                self._enter(run, CarriedPhase.ASKING, 0.0)
             removed = [space for space in record.state.carried if space not in self._names]
             run.late = {space: AskedBridge() for space in (*record.state.untold, *removed)}
             self._hold(run)
@@ -210,7 +215,8 @@ class CarriedRuns:
         run.until = self._clock() + OFFER_S
         created = RunCreated(now, run_id, scenario.text, parameters, by)
         content = [run.parts[space].hex() for space in plan.spaces]
-        self._service.note_first(run_id, [created, RunCarried(now, plan.spaces, plan_hash.hex(), content)])
+        carried = RunCarried(now, plan.spaces, plan_hash.hex(), content, run.first)
+        self._service.note_first(run_id, [created, carried])
         self._runs[run_id] = run
         self._hold(run)
         self._log.info("carried run started", run_id=run_id, scenario=scenario.name, by=by)
@@ -386,6 +392,9 @@ class CarriedRuns:
             run.fetched.sort(key=lambda fact: fact.at)
             self._service.note(run.run_id, run.fetched)
             run.fetched = []
+            if past := run.known.forget():
+                with suppress(StorageUnavailable):  # they stay in the file then
+                    self._service.forget_facts(run.run_id, past)
         if run.decided and not run.fetched:  # after the facts that have led to them
             decided, run.decided = run.decided, []
             self._questions.take(run.run_id, decided)
@@ -406,8 +415,9 @@ class CarriedRuns:
                 self._service.note(run.run_id, [StepStarted(self._wall_s(), "")])
                 self._enter(run, CarriedPhase.FOLLOWING, 0.0)
             case CarriedPhase.BEGINNING if is_late:
-                why = run.bridges[run.first].problem[:MOST_TEXT]
-                self._close(run, "aborted", f"{self._names[run.first]} has not said that it has begun: {why}")
+                self._enter(run, CarriedPhase.ASKING, 0.0)
+            case CarriedPhase.ASKING:
+                self._end_asking(run)
             case CarriedPhase.ADOPTING if run.closed is not None:  # before it was known that a bridge is off
                 self._enter(run, CarriedPhase.FOLLOWING, 0.0)
             case CarriedPhase.ADOPTING if not missing:
@@ -419,6 +429,15 @@ class CarriedRuns:
                 self._end(run)
             case _:
                 pass
+
+    def _end_asking(self, run: FollowedRun) -> None:
+        """Follow a run that has begun, as any bridge proves, and close one that has not; else it waits for the word."""
+        said = {space: asked.beginning for space, asked in run.bridges.items()}
+        if has_begun(said.values()):
+            self._service.note(run.run_id, [StepStarted(self._wall_s(), "")])
+            self._enter(run, CarriedPhase.FOLLOWING, 0.0)
+        elif has_not_begun(said, run.first, [*run.bridges, *run.late]):
+            self._close(run, "aborted", "nothing was begun, as its bridges say")
 
     def _enter(self, run: FollowedRun, phase: CarriedPhase, until: float) -> None:
         run.phase, run.until = phase, until
@@ -445,7 +464,7 @@ class CarriedRuns:
                 word, content = Word.END, encode_words(run=run.run_id, outcome=outcome, reason=reason[:MOST_REASON])
             case CarriedPhase.FOLLOWING if not asked.has_pause:
                 word, content = Word.PAUSE, encode_words(run=run.run_id, paused=run.is_paused, by=run.paused_by)
-            case CarriedPhase.FOLLOWING | CarriedPhase.CLOSING:
+            case CarriedPhase.FOLLOWING | CarriedPhase.CLOSING | CarriedPhase.ASKING:
                 word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.last)
             case _:
                 return
@@ -514,6 +533,8 @@ class CarriedRuns:
                 asked.is_done = True
         else:
             asked.problem = report.message or "it does not answer"
+            if word is Word.FETCH and outcome.kind is OutcomeKind.REFUSED and report.status == StatusCode.BAD_NOT_FOUND:
+                asked.beginning = Beginning.UNKNOWN
             asked.next_at = self._clock() + AGAIN_S
             if outcome.kind is OutcomeKind.REFUSED and phase is run.phase is CarriedPhase.OFFERING:
                 run.until = self._clock()  # what was refused once is refused again
@@ -526,11 +547,12 @@ class CarriedRuns:
         if not words.keys() >= _PAGE_WORDS:
             asked.problem = "it has another version of ua-fleet: update it, or abort the run"
             return
+        if run.phase is CarriedPhase.ASKING:
+            asked.beginning = beginning_of(words)
         for line in words["facts"]:
             fact = decode_fact(line)
             is_ours = not isinstance(fact, _OF_SEGMENTS) and getattr(fact, "step", "x").partition("@")[0] != ""
-            if is_ours and (line := encode_fact(fact)) not in run.known:
-                run.known.add(line)
+            if is_ours and run.known.take(fact):
                 run.fetched_at = run.fetched_at if run.fetched else self._clock()
                 run.fetched.append(fact)
         run.decided += words.get("decisions", ())
@@ -589,7 +611,7 @@ class CarriedRuns:
     def _show_waits(self, run: FollowedRun) -> None:
         """Name the bridges that do not answer, and what they cannot hand over, while there are some."""
         said = [
-            f"{self._names[space]}: {asked.problem}{self._adoptions.offer(run, space)}"
+            f"{self._names[space]}: {asked.problem}{self._offer(run, space)}"
             for space, asked in run.bridges.items()
             if asked.problem
         ]
@@ -600,7 +622,7 @@ class CarriedRuns:
             for space in run.late
             if space not in self._names and space not in removed
         ]
-        if run.phase in (CarriedPhase.FOLLOWING, CarriedPhase.ADOPTING, CarriedPhase.CLOSING):
+        if run.phase not in (CarriedPhase.OFFERING, CarriedPhase.BEGINNING):
             text = "; ".join(said)
             if text != run.shown and run.run_id in self._runs:
                 run.shown = text
@@ -609,6 +631,13 @@ class CarriedRuns:
         if told != run.bridges_shown and run.run_id in self._runs:
             run.bridges_shown = told
             self._service.show_told(BridgesFollowed(run.run_id, told))
+
+    def _offer(self, run: FollowedRun, space: int) -> str:
+        """What a person can do about a bridge that does not answer; empty while there is nothing."""
+        if run.phase is not CarriedPhase.ASKING or run.bridges[space].beginning is not Beginning.UNSAID:
+            return self._adoptions.offer(run, space)
+        name, abort = self._names[space], f"ua-fleet scenario abort {run.run_id}"
+        return f"; whether the run has begun is not known: start {name}, or abort it: {abort}"
 
     def _bridge_told(self, run: FollowedRun, space: int) -> BridgeTold:
         asked, state = run.bridges.get(space), "answers"

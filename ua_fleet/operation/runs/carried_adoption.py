@@ -206,7 +206,7 @@ class Adoptions:
         if not self._is_silent(run, space):
             return False
         if space not in run.bridges:
-            return bool(run.bridges)
+            return bool(run.bridges) and run.phase is not CarriedPhase.ASKING
         if run.phase is CarriedPhase.FOLLOWING:
             return len(run.bridges) > 1
         return not run.bridges[space].is_done and (run.phase is CarriedPhase.CLOSING or run.adopting is not None)
@@ -220,6 +220,11 @@ class Adoptions:
     def why_removed(self, run: FollowedRun, space: int) -> str:
         """What to do about one of them, which cannot be asked: the token may be there, and then nothing goes on."""
         name = self._names[space]
+        if run.phase is CarriedPhase.ASKING:
+            return (
+                "it is not in fleet.yaml any more, and whether the run has begun is not known: declare it again and"
+                f" restart the server, or abort the run: ua-fleet scenario abort {run.run_id}"
+            )
         said = (
             "it is not in fleet.yaml any more, and what it has of the run does not go on: declare it again and restart"
             f" the server, or abort the run: ua-fleet scenario abort {run.run_id}"

@@ -8,6 +8,8 @@ from enum import Enum
 from typing import Any
 
 from ua_fleet.operation.runs.adopting import Adopting
+from ua_fleet.operation.runs.carried_begun import Beginning
+from ua_fleet.operation.runs.followed_facts import FollowedFacts
 from ua_fleet.orchestrator import BridgeTold
 from ua_fleet.scenario.facts import Fact
 
@@ -27,6 +29,7 @@ class CarriedPhase(Enum):
 
     OFFERING = "offering"
     BEGINNING = "beginning"
+    ASKING = "asking"
     FOLLOWING = "following"
     ADOPTING = "adopting"
     CLOSING = "closing"
@@ -61,6 +64,8 @@ class AskedBridge:
     """Whether its DataSet of runs is heard: then it tells when it has more."""
     has_token: bool = False
     """Whether it has one of the run, as its DataSet of runs or its answer has said last."""
+    beginning: Beginning = Beginning.UNSAID
+    """What it has said of the beginning of the run, where it was asked for that."""
     is_complete: bool = False
     """Whether it knows that the run is over, does nothing for it, and has no more facts."""
 
@@ -83,7 +88,7 @@ class FollowedRun:
     parts: Mapping[int, bytes] = field(default_factory=dict[int, bytes])
     token: bytes = b""
     first: int = 0
-    """The space that gets the token."""
+    """The space that gets the token; 0: not known, after a restart."""
     adopting: Adopting | None = None
     """A bridge is off, and another one goes on for it."""
     is_paused: bool = False
@@ -99,7 +104,7 @@ class FollowedRun:
     """When the first of them came, by the monotonic clock."""
     late: dict[int, AskedBridge] = field(default_factory=dict[int, AskedBridge])
     """Bridges that are off, without which the run ends: they are told when they answer."""
-    known: set[str] = field(default_factory=set[str])
-    """Facts that are in the journal already, as lines."""
+    known: FollowedFacts = field(default_factory=FollowedFacts)
+    """Facts that are in the journal already, or are about to be."""
     shown: str = ""
     bridges_shown: Mapping[int, BridgeTold] = field(default_factory=dict[int, BridgeTold])

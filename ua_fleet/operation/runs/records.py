@@ -125,6 +125,7 @@ class RunRecord:
         self._times[step] = at, None
         if len(self._times) > 4 * MOST_ROWS:  # of repetitions that are over
             self._times = {known: times for known, times in self._times.items() if known in self.state.tasks}
+            self._messages = {known: said for known, said in self._messages.items() if known in self.state.tasks}
 
     def _end(self, step: str, at: float) -> None:
         begun, ended = self._times.get(step, (None, None))

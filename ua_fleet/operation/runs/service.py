@@ -135,7 +135,7 @@ class ScenarioService:
         self._carrier = OutputCarrier(
             journal, self._tasks, ask, carry_out, not_asked, mistakes=mistakes, log=log, clock=clock, sooner=sooner
         )
-        self._do = self._carrier.do
+        self._do, self.forget_facts = self._carrier.do, journal.forget
         fleet = fleet_view(model.robots, self._values.meanings, capacities)
         self._orchestrator = Orchestrator(self._settings.current, fleet, self._values.look_up, self._carrier.note)
         self._orchestrator.tell_mistakes(mistakes.caught)

@@ -199,7 +199,7 @@ class Channel:
             if header.MessageType == _OPEN and header.ChunkType != ua.ChunkType.Single:
                 raise FrameError(StatusCodes.BadTcpMessageTypeInvalid, "an OpenSecureChannel in chunks")
             if header.MessageType == _OPEN:
-                check_open_header(frame)
+                self._secure.check_receiver(check_open_header(frame))
             message: Any = self._secure.receive_from_header_and_body(header, buffer)
             if self._secure.aborted > _ABORTS_BEFORE_AUTHENTICATION and not self._authenticated:
                 raise FrameError(StatusCodes.BadTcpNotEnoughResources, "too many aborted messages")

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import Encoding
 
+from ua_fleet.endpoint.certificates import thumbprint
 from ua_fleet.endpoint.chunks import (
     HEAD,
     LAST,
@@ -30,7 +32,15 @@ from ua_fleet.endpoint.chunks import (
     seal_chunk,
 )
 from ua_fleet.endpoint.connection import FrameError
-from ua_fleet.endpoint.opening import NONE_URI, Message, Opening, check_open_header, open_opening, seal_opening
+from ua_fleet.endpoint.opening import (
+    NONE_URI,
+    Message,
+    OpenHeader,
+    Opening,
+    check_open_header,
+    open_opening,
+    seal_opening,
+)
 from ua_fleet.endpoint.stack import StatusCodes
 from ua_fleet.endpoint.trust import MAX_KEY_BITS, MIN_KEY_BITS, CertificateRefused, split_chain
 
@@ -46,6 +56,12 @@ _MOST_RENEWED: Final = 4
 def der(certificate: x509.Certificate) -> bytes:
     """A certificate as bytes."""
     return certificate.public_bytes(Encoding.DER)
+
+
+@functools.lru_cache(8)
+def _thumbprint_of(certificate: x509.Certificate) -> bytes:
+    """By what clients name one of our certificates."""
+    return bytes.fromhex(thumbprint(certificate))
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,13 +161,25 @@ class CheckedConnection(SecureConnection):
             FrameError: no policy of this server, or a message that is too long.
             CertificateRefused: the client's certificate is not accepted; our private key has not been used then.
         """
-        uri, certificate, start = check_open_header(frame)
-        self.select_policy(uri, certificate)
-        sequence, message = open_opening(frame, start, self.security_policy)
+        header = check_open_header(frame)
+        self.check_receiver(header)
+        self.select_policy(header.policy_uri, header.certificate)
+        sequence, message = open_opening(frame, header.start, self.security_policy)
         if len(frame) > self._limits.max_recv_buffer or not self._limits.is_msg_size_within_limit(len(message.body)):
             raise FrameError(StatusCodes.BadRequestTooLarge, f"{len(frame)} bytes to open a channel")
         self._peer_sequence_number = sequence
-        return Opening(uri, certificate or b"", message)
+        return Opening(header.policy_uri, header.certificate or b"", message)
+
+    def check_receiver(self, header: OpenHeader) -> None:
+        """Raise FrameError unless an OpenSecureChannel names our certificate (OPC 10000-6 6.7.6).
+
+        A policy that we do not have is refused afterwards, by `select_policy`.
+        """
+        offered = next((policy for policy in self._policies if policy.matches(header.policy_uri)), None)
+        if header.policy_uri == NONE_URI or offered is None:
+            return
+        if header.thumbprint != _thumbprint_of(offered.certificate):
+            raise FrameError(StatusCodes.BadCertificateInvalid, "encrypted for another certificate than the server's")
 
     def seal_opening(self, data: bytes, request_id: int) -> bytes:
         """The message of an encoded response to an OpenSecureChannel."""

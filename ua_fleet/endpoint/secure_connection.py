@@ -6,9 +6,11 @@
 from __future__ import annotations
 
 import functools
+import secrets
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any, Final
 
 from asyncua import ua
@@ -19,6 +21,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from ua_fleet.endpoint.certificates import thumbprint
+from ua_fleet.endpoint.channel_keys import make_keys, policy_of
 from ua_fleet.endpoint.chunks import (
     HEAD,
     LAST,
@@ -49,6 +52,8 @@ __all__ = ["NONE_URI", "CheckedConnection", "Message", "der"]
 _NO_SECURITY: Final[Any] = SecurityPolicyNone
 _TAKEN: Final = (LAST, b"CLOF")
 """Messages, and CloseSecureChannel, of one chunk."""
+_FIRST_TOKEN_ID: Final = 13
+"""As asyncua has it; any number but 0 would do."""
 _MOST_RENEWED: Final = 4
 """Tokens that may wait for their first message; a client has two at most that it could use."""
 
@@ -98,13 +103,28 @@ class CheckedConnection(SecureConnection):
         self._sealing: tuple[Any, ChunkKeys] = (None, NO_KEYS)
         """What asyncua verifies or signs by, and the keys that were made of it."""
 
+    def issue(self, nonce: bytes, lifetime_ms: int, channel_id: int) -> None:
+        """Issue the channel's first token.
+
+        Args:
+            nonce: the client's.
+            lifetime_ms: of the token, as it was revised.
+            channel_id: of the channel, as nobody else has it.
+        """
+        policy: Any = self.security_policy
+        own = secrets.token_bytes(policy.secure_channel_nonce_length)
+        self.local_nonce, self.remote_nonce = own, nonce
+        token: Any = self.security_token
+        token.TokenId, token.ChannelId, token.RevisedLifetime = _FIRST_TOKEN_ID, channel_id, lifetime_ms
+        token.CreatedAt = datetime.now(UTC)
+        self._last_token_id = _FIRST_TOKEN_ID
+        if policy.URI != NONE_URI:
+            make_keys(policy, own, nonce, lifetime_ms)
+        self._open = True
+
     def open(self, params: Any, server: Any) -> Any:
-        """Issue the channel's token, or renew it: each token has an id and nonces of its own."""
-        first = not self._open
+        """Renew the channel's token: each token has an id and nonces of its own."""
         result = super().open(params, server)
-        if first:
-            self._last_token_id = int(result.SecurityToken.TokenId)
-            return result
         # asyncua counts from the token in use, so that two renewals in a row would share one id.
         self._last_token_id = self._last_token_id % 0xFFFF_FFFF + 1
         token: Any = self.next_security_token
@@ -253,7 +273,7 @@ class CheckedConnection(SecureConnection):
             self.chain = chain
             self._look(uri, chain)
         self.chain = chain
-        self.security_policy = matching.create(chain[0])
+        self.security_policy = policy_of(matching, chain[0])
         self._looked = matching, peer_certificate
 
     def chunks(self, data: bytes, request_id: int) -> Iterator[bytes]:

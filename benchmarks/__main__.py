@@ -1,4 +1,4 @@
-"""Run the benchmarks: `python -m benchmarks [--only GROUP] [--rounds N]`.
+"""Run the benchmarks: `python -m benchmarks [--only GROUP [--part NAME]] [--rounds N]`.
 
 Writes `results.json`, prints the same as a table, and ends with exit code 1 where a figure does not hold or a group
 failed.
@@ -15,7 +15,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.harness import BESIDE, FEWEST_ROUNDS, Failed, Figure, Unavailable, merge_results
+from benchmarks.harness import BESIDE, FEWEST_ROUNDS, PART, Failed, Figure, Unavailable, merge_results
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results.json"
@@ -31,6 +31,8 @@ def groups() -> list[str]:
 def run(group: str, rounds: int) -> list[Figure]:
     module = importlib.import_module(f"benchmarks.{group}")
     figures: list[Figure] = module.figures(rounds)
+    if not figures:
+        raise Failed("it has no such part")
     merge_results(RESULTS, group, figures)
     return figures
 
@@ -62,7 +64,12 @@ def main() -> int:
         metavar="CLONE",
         help="a clone of another commit, set up as this one, measured in turn with this one (actions, skill_start)",
     )
+    parser.add_argument("--part", metavar="NAME", help="one part of the group, e.g. Connect (services)")
     arguments = parser.parse_args()
+    if arguments.part is not None:
+        if arguments.only is None:
+            parser.error("--part is one of a group: name that with --only")
+        os.environ[PART] = arguments.part
     if arguments.beside is not None:
         os.environ[BESIDE] = str(arguments.beside.resolve())
     results: dict[str, list[Figure]] = {}

@@ -19,6 +19,7 @@ __all__ = [
     "BESIDE",
     "FEWEST_ROUNDS",
     "OTHER",
+    "PART",
     "Failed",
     "Figure",
     "Unavailable",
@@ -29,6 +30,7 @@ __all__ = [
     "merge_results",
     "seconds_per_call",
     "shown",
+    "wanted",
     "within",
 ]
 
@@ -43,6 +45,15 @@ def beside() -> Path | None:
     """The clone of another commit, set up as this one, whose figures are measured in turn with these."""
     folder = os.environ.get(BESIDE)
     return None if folder is None else Path(folder)
+
+
+PART = "BENCHMARKS_PART"
+"""Environment variable: the part of a group that alone is measured."""
+
+
+def wanted(part: str) -> bool:
+    """Whether this part of a group is to be measured; all are, where none is named."""
+    return os.environ.get(PART) in (None, part)
 
 
 class Figure(NamedTuple):
@@ -119,9 +130,13 @@ def seconds_per_call(function: Callable[[Any], object], arguments: Sequence[Any]
 
 
 def merge_results(path: Path, group: str, figures: Iterable[Figure]) -> None:
-    """Put the rows of a group into the file in place of those it had; the other groups' rows stay."""
+    """Put the rows of a group into the file in place of those it had; other rows stay, and those of its other parts."""
     rows: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-    kept = [row for row in rows if not str(row["name"]).startswith(f"{group}: ")]
     new = [figure._replace(name=f"{group}: {figure.name}")._asdict() for figure in figures]
+    if PART in os.environ:
+        replaced = {row["name"] for row in new}
+    else:
+        replaced = {row["name"] for row in rows if str(row["name"]).startswith(f"{group}: ")}
+    kept = [row for row in rows if row["name"] not in replaced]
     merged = sorted([*kept, *new], key=lambda row: str(row["name"]).partition(": ")[0])
     path.write_text(json.dumps(merged, indent=2) + "\n", encoding="utf-8")

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from benchmarks._services import URI, VALUES
-from benchmarks.harness import FEWEST_ROUNDS, OTHER, Figure, at_least, beside, interleaved, within
+from benchmarks.harness import FEWEST_ROUNDS, OTHER, Figure, at_least, beside, interleaved, wanted, within
 from benchmarks.ingest import Process
 from tests import system
 from ua_fleet.endpoint.certificates import ensure_application_certificate
@@ -112,6 +112,8 @@ def figures(rounds: int) -> list[Figure]:
             ours, stock = Served("ours", policy, stack), Served("stock", policy, stack)
             node = Served("node", policy, stack) if with_node else None
             for job in JOBS:
+                if not wanted(job.service):
+                    continue
                 servers = [ours, stock]
                 if node is not None and (job.service, job.operations) in BESIDE_NODE:
                     servers.append(node)
@@ -132,7 +134,7 @@ def figures(rounds: int) -> list[Figure]:
                     )
                     for other in others
                 )  # fmt: skip
-    return found + watched(rounds)
+    return found + (watched(rounds) if wanted("notification") else [])
 
 
 def watched(rounds: int) -> list[Figure]:

@@ -29,10 +29,15 @@ _USED: Final[Mapping[str, tuple[str, ...]]] = {
     ),
     "asyncua.common.utils": ("Buffer(data, start_pos, size)", "ServiceError(code)"),
     "asyncua.crypto.security_policies": (
+        "Cryptography(mode)",
         "Cryptography.revolved_expired_key()",
         "CryptographyNone()",
+        "DecryptorAesCbc(key, init_vec)",
+        "EncryptorAesCbc(key, init_vec)",
         "SecurityPolicyFactory(cls, mode, certificate, private_key, permission_ruleset, certificate_chain)",
         "SecurityPolicyFactory.create(peer_certificate)",
+        "SignerHMac256(key)",
+        "VerifierHMac256(key)",
     ),
     "asyncua.server.address_space": (
         "AddressSpace.add_datachange_callback(nodeid, attr, callback)",
@@ -45,6 +50,7 @@ _USED: Final[Mapping[str, tuple[str, ...]]] = {
     ),
     "asyncua.server.internal_server": (
         "InternalServer.get_endpoints(params, sockname)",
+        "InternalServer.get_new_channel_id()",
         "InternalServer.find_servers(params, sockname)",
         "InternalServer.stop()",
     ),

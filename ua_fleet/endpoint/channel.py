@@ -59,17 +59,16 @@ _ABORTS_BEFORE_AUTHENTICATION: Final = 16
 
 
 def _parameters(request: OpenRequest, lifetime_ms: int) -> Any:
-    """What asyncua issues or renews a token by."""
+    """What asyncua renews a token by."""
     parameters: Any = ua.OpenSecureChannelParameters()
-    parameters.RequestType = ua.SecurityTokenRequestType(int(request.renewal))
+    parameters.RequestType = ua.SecurityTokenRequestType.Renew
     parameters.ClientNonce = request.nonce
     parameters.RequestedLifetime = lifetime_ms
     return parameters
 
 
-def _opened(result: Any) -> EncodedResponse:
+def _opened(token: Any, nonce: Any) -> EncodedResponse:
     """The response to an OpenSecureChannel (OPC 10000-4 5.6.2)."""
-    token, nonce = result.SecurityToken, result.ServerNonce
     times = ticks_of(token.CreatedAt), int(token.RevisedLifetime)
     head = _OPENED.pack(0, token.ChannelId, token.TokenId, *times)
     return EncodedResponse(ua.OpenSecureChannelResponse, head + encode_string(nonce))
@@ -199,7 +198,7 @@ class Channel:
             if header.MessageType == _OPEN and header.ChunkType != ua.ChunkType.Single:
                 raise FrameError(StatusCodes.BadTcpMessageTypeInvalid, "an OpenSecureChannel in chunks")
             if header.MessageType == _OPEN:
-                check_open_header(frame)
+                self._secure.check_receiver(check_open_header(frame))
             message: Any = self._secure.receive_from_header_and_body(header, buffer)
             if self._secure.aborted > _ABORTS_BEFORE_AUTHENTICATION and not self._authenticated:
                 raise FrameError(StatusCodes.BadTcpNotEnoughResources, "too many aborted messages")
@@ -292,12 +291,18 @@ class Channel:
         lifetime = min(max(request.lifetime_ms / 1000, least), most)
         # Messages under the old token are good for a quarter of its lifetime more (OPC 10000-4 5.5.2.1).
         self.expires_at = time.monotonic() + lifetime * 1.25
-        opened = self._secure.open(_parameters(request, int(lifetime * 1000)), self._iserver)
+        lifetime_ms = int(lifetime * 1000)
+        if request.renewal:
+            result = self._secure.open(_parameters(request, lifetime_ms), self._iserver)
+            opened = _opened(result.SecurityToken, result.ServerNonce)
+        else:
+            self._secure.issue(request.nonce, lifetime_ms, self._iserver.get_new_channel_id())
+            opened = _opened(self._secure.security_token, self._secure.local_nonce)
         if self._most_chunks:
             # How much a chunk holds depends on the policy.
             in_chunks = self._secure.most_bytes(self._most_chunks)
             self.response_bytes = min(self.response_bytes or in_chunks, in_chunks)
-        data = _opened(opened).encode(request.head.handle)
+        data = opened.encode(request.head.handle)
         self.output.append(self._secure.seal_opening(data, opening.message.request_id))
 
     def _check_renewal(self, opening: Opening, mode: ua.MessageSecurityMode) -> None:

@@ -18,6 +18,7 @@ __all__ = ["FrameError", "Handler", "TcpConnection"]
 _HEADER: Final = 8
 """Message type, chunk type and size (OPC 10000-6 7.1.2.2)."""
 _TYPES: Final = (b"HEL", b"OPN", b"MSG", b"CLO")
+_OPENING: Final = (b"HEL", b"OPN")
 _MAX_HELLO: Final = 8_192
 """A Hello is 32 bytes and a URL of at most 4,096 (OPC 10000-6 7.1.2.3)."""
 _WRITE_HIGH: Final = 1024 * 1024
@@ -44,6 +45,10 @@ class Handler(Protocol):
         """Bytes that the next frame may have."""
         ...
 
+    def process_opening(self, frame: bytes) -> None:
+        """Process a Hello or an OpenSecureChannel, for which nothing has to be waited."""
+        ...
+
     async def process(self, frame: bytes) -> bool:
         """Process one frame; False ends the connection."""
         ...
@@ -58,7 +63,11 @@ class Handler(Protocol):
 
 
 class TcpConnection(asyncio.BufferedProtocol):
-    """One TCP connection."""
+    """One TCP connection.
+
+    Its first Hello and OpenSecureChannel are processed when they come, since nothing has to be waited for. Its task
+    begins with whatever comes then: a request, a second frame at once, a mistake, or the end.
+    """
 
     def __init__(
         self,
@@ -75,6 +84,11 @@ class TcpConnection(asyncio.BufferedProtocol):
         self._writable = asyncio.Event()
         self._writable.set()
         self._accept, self._make_handler, self._started = accept, make_handler, started
+        self._handler: Handler | None = None
+        """What waits for the task to begin; None once it has."""
+        self._openings_left = len(_OPENING)
+        self._failure: Exception | None = None
+        """What the task begins with: why the connection ends."""
         self._transport: asyncio.Transport | None = None
         self._reading = True
         self._over = False
@@ -94,8 +108,8 @@ class TcpConnection(asyncio.BufferedProtocol):
         if not self._accept(self):
             transport.abort()
             return
-        task = asyncio.create_task(self._serve(self._make_handler(self)), name=f"connection {self.peer}")
-        self._started(self, task)
+        self._awaited = _HEADER
+        self._handler = self._make_handler(self)
 
     @property
     def server_address(self) -> tuple[str, int] | None:
@@ -130,12 +144,49 @@ class TcpConnection(asyncio.BufferedProtocol):
         if self._end - self._start == CHUNK_BYTES and self._transport is not None:
             self._transport.pause_reading()
             self._reading = False
+        elif self._end - self._start < self._awaited:
+            return
+        if self._handler is None:
             self._wake()
-        elif self._end - self._start >= self._awaited:
-            self._wake()
+        elif not self._opened(self._handler):
+            self._begin()
+
+    def _opened(self, handler: Handler) -> bool:
+        """Process a frame that opens the connection, as far as it is here; False where the task is to go on."""
+        try:
+            size = self._announced(handler.room())
+            if not size or self._end - self._start < size:
+                self._awaited = size or _HEADER
+                return True
+            if not self._openings_left or bytes(self._buffer[self._start : self._start + 3]) not in _OPENING:
+                return False
+            self._openings_left -= 1
+            self._awaited = _HEADER
+            handler.process_opening(self._take(size))
+        except Exception as error:  # noqa: BLE001 - raised again by the task, which has a place for each
+            self._failure = error
+            return False
+        return self._start == self._end
+
+    def _raise_failure(self) -> None:
+        """Raise what has gone wrong before the task began."""
+        failure, self._failure = self._failure, None
+        try:
+            if failure is not None:
+                raise failure
+        finally:
+            del failure  # its traceback has this frame: together they would keep the buffer until garbage is collected
+
+    def _begin(self) -> None:
+        """Begin the task that serves the connection to its end."""
+        handler, self._handler = self._handler, None
+        if handler is not None:
+            task = asyncio.create_task(self._serve(handler), name=f"connection {self.peer}")
+            self._started(self, task)
 
     def _wake(self) -> None:
         """Have `_serve` look at what there is now."""
+        self._begin()
         if self._arrival is not None and not self._arrival.done():
             self._arrival.set_result(None)
 
@@ -185,6 +236,7 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     async def _serve(self, handler: Handler) -> None:
         try:
+            self._raise_failure()
             turn = time.monotonic()
             while (frame := await self._next_frame(handler)) is not None:
                 if not await handler.process(frame):

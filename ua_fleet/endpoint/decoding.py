@@ -102,7 +102,10 @@ def decode_hello(data: bytes) -> Hello:
 def decode_open(data: bytes) -> OpenRequest:
     """The body of an OpenSecureChannel message; raises RemoteWireError or Refusal."""
     cursor = Cursor(data)
-    head = _decode_head(cursor)
+    if (plain := _plain_early_head(data)) is not None:
+        head, cursor.position = plain, _EARLY_HEAD.size
+    else:
+        head = _decode_head(cursor)
     if head.kind != _OPEN_SECURE_CHANNEL:
         raise Refusal(StatusCodes.BadDecodingError, f"request {head.kind} in an OpenSecureChannel message")
     cursor.uint32()  # ClientProtocolVersion
@@ -128,17 +131,25 @@ def decode_request_head(body: Buffer) -> RequestHead:
         if (form, namespace, token_form, size, entry, header) == (1, 0, 5, 32, -1, b"\0\0\0"):
             body.skip(_COMMON_HEAD.size)
             return RequestHead(kind, token, handle, hint, "", diagnostics)
-    if len(data) >= _EARLY_HEAD.size:
-        form, namespace, kind, token_form, token_id, _, handle, diagnostics, entry, hint, header = (
-            _EARLY_HEAD.unpack_from(data)
-        )
-        if (form, namespace, token_form, token_id, entry, header) == (1, 0, 0, 0, -1, b"\0\0\0"):
-            body.skip(_EARLY_HEAD.size)
-            return RequestHead(kind, None, handle, hint, "", diagnostics)
+    if (head := _plain_early_head(data)) is not None:
+        body.skip(_EARLY_HEAD.size)
+        return head
     cursor = Cursor(data)
     head = _decode_head(cursor)
     body.skip(cursor.position)
     return head
+
+
+def _plain_early_head(data: bytes) -> RequestHead | None:
+    """Type and header of a request without a session; None where they have not the form that nearly all have."""
+    if len(data) < _EARLY_HEAD.size:
+        return None
+    form, namespace, kind, token_form, token_id, _, handle, diagnostics, entry, hint, header = _EARLY_HEAD.unpack_from(
+        data
+    )
+    if (form, namespace, token_form, token_id, entry, header) != (1, 0, 0, 0, -1, b"\0\0\0"):
+        return None
+    return RequestHead(kind, None, handle, hint, "", diagnostics)
 
 
 def _decode_head(cursor: Cursor) -> RequestHead:

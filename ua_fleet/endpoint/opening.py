@@ -22,7 +22,16 @@ from ua_fleet.endpoint.stack import Refusal, StatusCodes
 from ua_fleet.wire.builtin import decode_byte_string, decode_string
 from ua_fleet.wire.cursor import Cursor
 
-__all__ = ["NONE_URI", "OPENING", "Message", "Opening", "check_open_header", "open_opening", "seal_opening"]
+__all__ = [
+    "NONE_URI",
+    "OPENING",
+    "Message",
+    "OpenHeader",
+    "Opening",
+    "check_open_header",
+    "open_opening",
+    "seal_opening",
+]
 
 NONE_URI: Final = SecurityPolicyNone.URI
 OPENING: Final = b"OPNF"
@@ -43,6 +52,18 @@ class Message(NamedTuple):
     body: bytes
 
 
+class OpenHeader(NamedTuple):
+    """What an OpenSecureChannel message says in the clear."""
+
+    policy_uri: str
+    certificate: bytes | None
+    """SenderCertificate, with what was sent of its issuers."""
+    thumbprint: bytes | None
+    """ReceiverCertificateThumbprint: the SHA-1 of the certificate whose key it is encrypted for."""
+    start: int
+    """Where its encrypted part begins."""
+
+
 class Opening(NamedTuple):
     """An OpenSecureChannel message, opened."""
 
@@ -52,8 +73,8 @@ class Opening(NamedTuple):
     message: Message
 
 
-def check_open_header(frame: bytes) -> tuple[str, bytes | None, int]:
-    """SecurityPolicyUri and SenderCertificate of a message, and where its encrypted part begins.
+def check_open_header(frame: bytes) -> OpenHeader:
+    """What a message says in the clear.
 
     Raises:
         RemoteWireError, Refusal: it has no such header.
@@ -68,7 +89,7 @@ def check_open_header(frame: bytes) -> tuple[str, bytes | None, int]:
     rest = len(frame) - cursor.position
     if uri != NONE_URI and rest > _MOST_ENCRYPTED:
         raise FrameError(StatusCodes.BadTcpMessageTooLarge, f"{rest} encrypted bytes to open a channel")
-    return uri, certificate, cursor.position
+    return OpenHeader(uri, certificate, thumbprint, cursor.position)
 
 
 def open_opening(frame: bytes, start: int, policy: Any) -> tuple[int, Message]:

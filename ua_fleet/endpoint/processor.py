@@ -233,8 +233,19 @@ class Processor:
             self._deadline = time.monotonic() + self._context.limits.handshake_s
             self._channel.authenticated = False
 
+    def process_opening(self, frame: bytes) -> None:
+        """Process a Hello or an OpenSecureChannel: neither is a request that somebody serves."""
+        message = self._receive(frame)
+        assert message is None
+
     async def process(self, frame: bytes) -> bool:
         """Process one frame; False ends the connection."""
+        if (message := self._receive(frame)) is not None:
+            await self._serve(message)
+        return True
+
+    def _receive(self, frame: bytes) -> Message | None:
+        """The request that a frame completes, if any."""
         stranger = self.stage is not Stage.AUTHENTICATED
         if stranger and self._charge.is_exhausted(time.monotonic(), self._shown):
             self._refuse_stranger()
@@ -263,9 +274,7 @@ class Processor:
             self._is_proved = True
             if not self.recognise():
                 self._refuse_stranger()
-        if message is not None:
-            await self._serve(message)
-        return True
+        return message
 
     def _charged(self, stranger: bool = True) -> _Charged:
         """What is computed meanwhile, without waiting, is owed until a user logs in."""

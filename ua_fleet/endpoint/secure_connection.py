@@ -5,9 +5,12 @@
 
 from __future__ import annotations
 
+import functools
+import secrets
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any, Final
 
 from asyncua import ua
@@ -17,6 +20,8 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import Encoding
 
+from ua_fleet.endpoint.certificates import thumbprint
+from ua_fleet.endpoint.channel_keys import make_keys, policy_of
 from ua_fleet.endpoint.chunks import (
     HEAD,
     LAST,
@@ -30,7 +35,15 @@ from ua_fleet.endpoint.chunks import (
     seal_chunk,
 )
 from ua_fleet.endpoint.connection import FrameError
-from ua_fleet.endpoint.opening import NONE_URI, Message, Opening, check_open_header, open_opening, seal_opening
+from ua_fleet.endpoint.opening import (
+    NONE_URI,
+    Message,
+    OpenHeader,
+    Opening,
+    check_open_header,
+    open_opening,
+    seal_opening,
+)
 from ua_fleet.endpoint.stack import StatusCodes
 from ua_fleet.endpoint.trust import MAX_KEY_BITS, MIN_KEY_BITS, CertificateRefused, split_chain
 
@@ -39,6 +52,8 @@ __all__ = ["NONE_URI", "CheckedConnection", "Message", "der"]
 _NO_SECURITY: Final[Any] = SecurityPolicyNone
 _TAKEN: Final = (LAST, b"CLOF")
 """Messages, and CloseSecureChannel, of one chunk."""
+_FIRST_TOKEN_ID: Final = 13
+"""As asyncua has it; any number but 0 would do."""
 _MOST_RENEWED: Final = 4
 """Tokens that may wait for their first message; a client has two at most that it could use."""
 
@@ -46,6 +61,12 @@ _MOST_RENEWED: Final = 4
 def der(certificate: x509.Certificate) -> bytes:
     """A certificate as bytes."""
     return certificate.public_bytes(Encoding.DER)
+
+
+@functools.lru_cache(8)
+def _thumbprint_of(certificate: x509.Certificate) -> bytes:
+    """By what clients name one of our certificates."""
+    return bytes.fromhex(thumbprint(certificate))
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,13 +103,28 @@ class CheckedConnection(SecureConnection):
         self._sealing: tuple[Any, ChunkKeys] = (None, NO_KEYS)
         """What asyncua verifies or signs by, and the keys that were made of it."""
 
+    def issue(self, nonce: bytes, lifetime_ms: int, channel_id: int) -> None:
+        """Issue the channel's first token.
+
+        Args:
+            nonce: the client's.
+            lifetime_ms: of the token, as it was revised.
+            channel_id: of the channel, as nobody else has it.
+        """
+        policy: Any = self.security_policy
+        own = secrets.token_bytes(policy.secure_channel_nonce_length)
+        self.local_nonce, self.remote_nonce = own, nonce
+        token: Any = self.security_token
+        token.TokenId, token.ChannelId, token.RevisedLifetime = _FIRST_TOKEN_ID, channel_id, lifetime_ms
+        token.CreatedAt = datetime.now(UTC)
+        self._last_token_id = _FIRST_TOKEN_ID
+        if policy.URI != NONE_URI:
+            make_keys(policy, own, nonce, lifetime_ms)
+        self._open = True
+
     def open(self, params: Any, server: Any) -> Any:
-        """Issue the channel's token, or renew it: each token has an id and nonces of its own."""
-        first = not self._open
+        """Renew the channel's token: each token has an id and nonces of its own."""
         result = super().open(params, server)
-        if first:
-            self._last_token_id = int(result.SecurityToken.TokenId)
-            return result
         # asyncua counts from the token in use, so that two renewals in a row would share one id.
         self._last_token_id = self._last_token_id % 0xFFFF_FFFF + 1
         token: Any = self.next_security_token
@@ -145,13 +181,25 @@ class CheckedConnection(SecureConnection):
             FrameError: no policy of this server, or a message that is too long.
             CertificateRefused: the client's certificate is not accepted; our private key has not been used then.
         """
-        uri, certificate, start = check_open_header(frame)
-        self.select_policy(uri, certificate)
-        sequence, message = open_opening(frame, start, self.security_policy)
+        header = check_open_header(frame)
+        self.check_receiver(header)
+        self.select_policy(header.policy_uri, header.certificate)
+        sequence, message = open_opening(frame, header.start, self.security_policy)
         if len(frame) > self._limits.max_recv_buffer or not self._limits.is_msg_size_within_limit(len(message.body)):
             raise FrameError(StatusCodes.BadRequestTooLarge, f"{len(frame)} bytes to open a channel")
         self._peer_sequence_number = sequence
-        return Opening(uri, certificate or b"", message)
+        return Opening(header.policy_uri, header.certificate or b"", message)
+
+    def check_receiver(self, header: OpenHeader) -> None:
+        """Raise FrameError unless an OpenSecureChannel names our certificate (OPC 10000-6 6.7.6).
+
+        A policy that we do not have is refused afterwards, by `select_policy`.
+        """
+        offered = next((policy for policy in self._policies if policy.matches(header.policy_uri)), None)
+        if header.policy_uri == NONE_URI or offered is None:
+            return
+        if header.thumbprint != _thumbprint_of(offered.certificate):
+            raise FrameError(StatusCodes.BadCertificateInvalid, "encrypted for another certificate than the server's")
 
     def seal_opening(self, data: bytes, request_id: int) -> bytes:
         """The message of an encoded response to an OpenSecureChannel."""
@@ -225,7 +273,7 @@ class CheckedConnection(SecureConnection):
             self.chain = chain
             self._look(uri, chain)
         self.chain = chain
-        self.security_policy = matching.create(chain[0])
+        self.security_policy = policy_of(matching, chain[0])
         self._looked = matching, peer_certificate
 
     def chunks(self, data: bytes, request_id: int) -> Iterator[bytes]:

@@ -12,9 +12,11 @@ from typing import Any, Final
 from asyncua import ua
 from cryptography import x509
 
+from ua_fleet.endpoint.answers import EncodedResponse
 from ua_fleet.endpoint.audit import Caller
 from ua_fleet.endpoint.audit_events import AuditEvents, Who
 from ua_fleet.endpoint.binary.encoders import EncodedArray, encode_array
+from ua_fleet.endpoint.binary.session_responses import activated_response, created_response
 from ua_fleet.endpoint.channel import Channel
 from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.logins import identify
@@ -56,9 +58,7 @@ class SessionServices:
 
     async def get_endpoints(self, params: ua.GetEndpointsParameters, server: tuple[str, int] | None) -> Any:
         """GetEndpoints, on any channel."""
-        response: Any = ua.GetEndpointsResponse()
-        response.Endpoints = await self._endpoints(params, server)
-        return response
+        return EncodedResponse(ua.GetEndpointsResponse, await self._endpoints(params, server))
 
     async def _endpoints(self, params: ua.GetEndpointsParameters, server: tuple[str, int] | None) -> EncodedArray:
         """The endpoints as a client that has asked for this URL at that address sees them."""
@@ -140,22 +140,12 @@ class SessionServices:
         params: ua.CreateSessionParameters,
         server: tuple[str, int] | None,
     ) -> Any:
-        result: Any = ua.CreateSessionResult()
-        result.SessionId = session.session_id
-        result.AuthenticationToken = session.auth_token
-        result.RevisedSessionTimeout = session.timeout_s * 1000
-        result.MaxRequestMessageSize = self._limits.message_bytes
-        result.ServerNonce = session.nonce
-        result.ServerCertificate = channel.policy.host_certificate
         wanted = ua.GetEndpointsParameters()
         wanted.EndpointUrl = params.EndpointUrl
-        result.ServerEndpoints = await self._endpoints(wanted, server)
+        endpoints = await self._endpoints(wanted, server)
         signed = channel.client_certificate + (params.ClientNonce or b"")
-        result.ServerSignature.Signature = channel.policy.asymmetric_cryptography.signature(signed)
-        result.ServerSignature.Algorithm = channel.policy.AsymmetricSignatureURI
-        response = ua.CreateSessionResponse()
-        response.Parameters = result
-        return response
+        signature = channel.policy.asymmetric_cryptography.signature(signed)
+        return created_response(session, endpoints, channel.policy, signature, self._limits.message_bytes)
 
     def _check_certificate(self, channel: Channel) -> None:
         try:
@@ -220,9 +210,7 @@ class SessionServices:
         by = {"session_key": user.session_key} if user.session_key else {}
         by |= {"gateway": gateway} if gateway else {}
         self._context.audit.record("login", session.caller, "Good", application=session.application[:200], **by)
-        response: Any = ua.ActivateSessionResponse()
-        response.Parameters.ServerNonce = session.new_nonce()
-        return session, response
+        return session, activated_response(session.new_nonce())
 
     def _room_for(self, session: Session, user: User, address: str) -> list[Session]:
         """The detached sessions that have to end for one more of this user; raises Refusal."""
@@ -237,7 +225,7 @@ class SessionServices:
         """CloseSession."""
         self._context.audit.record("logout", session.caller, "Good")
         await self.end(session, delete_subscriptions=delete_subscriptions, cause="CloseSession")
-        return ua.CloseSessionResponse()
+        return EncodedResponse(ua.CloseSessionResponse)
 
     async def end(self, session: Session, *, delete_subscriptions: bool, cause: str = "Terminated") -> None:
         """End a session. Subscriptions that are left wait for a transfer, as many as one session may have."""

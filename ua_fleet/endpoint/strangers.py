@@ -79,7 +79,8 @@ class StrangersTime:
             if debt is None:
                 self._debts[name] = _Debt(seconds, now, times, self._share * times)
             else:
-                debt.seconds, debt.at = debt.left(now) + seconds, now
+                left = debt.seconds - (now - debt.at) * debt.share
+                debt.seconds, debt.at = (left if left > 0.0 else 0.0) + seconds, now
         if len(self._debts) > _MOST:
             self._forget(now)
 

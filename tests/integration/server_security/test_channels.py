@@ -148,3 +148,28 @@ async def test_sessions_that_wait_on_one_connection_are_bounded(hardened: Door) 
     client._server_nonce = nonce
     assert await bad(client.activate_session(client._username, client._password)) == "BadSessionIdInvalid"
     await leave(client)
+
+
+async def refused_opening(client: Client, hardened: Door, *, renew: bool) -> list[str]:
+    """The StatusCodes that the audit log has when the client names another certificate as ours."""
+    policy: Any = client.security_policy
+    seen = len(hardened.audit())
+    asked = client.open_secure_channel(renew=True) if renew else client.connect_sessionless()
+    assert await bad(asked) in ("BadCertificateInvalid", "closed"), policy.peer_certificate
+    return [line["status"] for line in hardened.audit()[seen:] if line.get("what") == "message"]
+
+
+@pytest.mark.parametrize("named", [b"another certificate", b""])
+async def test_a_channel_is_opened_only_for_our_own_certificate(hardened: Door, named: bytes) -> None:
+    """OPC 10000-6 6.7.6: the ReceiverCertificateThumbprint is verified, also where our key was used."""
+    client = await hardened.client()
+    client.security_policy.peer_certificate = named
+    assert await refused_opening(client, hardened, renew=False) == ["BadCertificateInvalid"]
+
+
+async def test_a_channel_is_renewed_only_for_our_own_certificate(hardened: Door) -> None:
+    client = await hardened.client()
+    await client.connect_sessionless()
+    client.security_policy.peer_certificate = b"another certificate"
+    assert await refused_opening(client, hardened, renew=True) == ["BadCertificateInvalid"]
+    await leave(client)

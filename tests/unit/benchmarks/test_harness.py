@@ -8,7 +8,18 @@ from pathlib import Path
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks.harness import Failed, Figure, Unavailable, at_least, at_most, interleaved, merge_results, shown
+from benchmarks.harness import (
+    PART,
+    Failed,
+    Figure,
+    Unavailable,
+    at_least,
+    at_most,
+    interleaved,
+    merge_results,
+    shown,
+    wanted,
+)
 
 
 def test_at_least() -> None:
@@ -76,3 +87,16 @@ def test_a_group_that_fails_is_not_one_that_cannot_run(
     monkeypatch.setattr("sys.argv", ["benchmarks", "--only", "codec"])
     assert command.main() == code
     assert str(error) in capsys.readouterr().err
+
+
+def test_a_part_of_a_group_replaces_its_own_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "results.json"
+    row = at_least("Read", 1.0, "us", reference="peer", reference_value=2.0, goal=1.2)
+    merge_results(path, "services", [row, row._replace(name="Call")])
+    assert wanted("Read")
+    monkeypatch.setenv(PART, "Call")
+    assert wanted("Call")
+    assert not wanted("Read")
+    merge_results(path, "services", [row._replace(name="Call", value=3.0)])
+    rows = {each["name"]: each["value"] for each in json.loads(path.read_text())}
+    assert rows == {"services: Read": 1.0, "services: Call": 3.0}

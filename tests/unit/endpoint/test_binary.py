@@ -190,6 +190,9 @@ def _session_request(rng: random.Random) -> Any:
     def signature() -> Any:
         return ua.SignatureData(text(), rng.choice((None, b"", b"s" * 256)))
 
+    if rng.random() < 0.2:
+        texts = [rng.choice((None, [], ["en", ""], [None] * 3, ["x"] * 20)) for _ in range(2)]
+        return ua.GetEndpointsParameters(text(), *texts)
     if rng.random() < 0.5:
         name = ua.LocalizedText(text(), text())
         urls = rng.choice((None, [], ["opc.tcp://x"], ["x"] * 20))

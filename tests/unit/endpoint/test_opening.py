@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import random
 from pathlib import Path
@@ -63,12 +64,15 @@ def _sealed(policy: Any) -> bytes:
 def test_the_message_of_a_client_is_opened_and_ours_has_asyncuas_form(name: str, keys: list[tuple[Any, Any]]) -> None:
     ends = _ends(name, keys)
     frame = _sealed(ends.client)
-    uri, certificate, start = check_open_header(frame)
-    assert (uri, certificate or b"") == (ends.server.URI, b"" if name == "None" else ends.client.host_certificate)
-    sequence, message = open_opening(frame, start, ends.server)
+    header = check_open_header(frame)
+    certificate = b"" if name == "None" else ends.client.host_certificate
+    assert (header.policy_uri, header.certificate or b"") == (ends.server.URI, certificate)
+    named = ends.client.peer_certificate
+    assert header.thumbprint == (hashlib.sha1(named, usedforsecurity=False).digest() if named else None)
+    sequence, message = open_opening(frame, header.start, ends.server)
     assert (sequence, message) == (1, (9, BODY))
     ours, theirs = seal_opening(BODY, 7, SEQUENCE.pack(1, 9), ends.server), _sealed(ends.server)
-    clear = check_open_header(theirs)[2]
+    clear = check_open_header(theirs).start
     assert (ours[:clear], len(ours)) == (theirs[:clear], len(theirs))
     assert open_opening(ours, clear, ends.client) == (1, (9, BODY))
 
@@ -77,7 +81,7 @@ def test_the_message_of_a_client_is_opened_and_ours_has_asyncuas_form(name: str,
 def test_a_message_that_was_changed_is_not_taken(name: str, keys: list[tuple[Any, Any]]) -> None:
     ends, rng = _ends(name, keys), random.Random(name)
     frame = _sealed(ends.client)
-    start = check_open_header(frame)[2]
+    start = check_open_header(frame).start
     places = [0, 3, 4, 8, 11, 12, 40, start - 1, start, len(frame) - 1, *(rng.randrange(len(frame)) for _ in range(10))]
     for at in places:
         changed = bytearray(frame)
@@ -92,4 +96,4 @@ def test_a_message_that_was_changed_is_not_taken(name: str, keys: list[tuple[Any
 def test_the_first_bytes_say_what_it_is() -> None:
     frame = _sealed(policies.SecurityPolicyNone())
     assert frame.startswith(OPENING)
-    assert check_open_header(frame)[0] == NONE_URI
+    assert check_open_header(frame).policy_uri == NONE_URI

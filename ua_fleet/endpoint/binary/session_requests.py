@@ -1,4 +1,4 @@
-"""CreateSession and ActivateSession in one pass, where they have the plain form that nearly all have.
+"""CreateSession, ActivateSession and GetEndpoints in one pass, where they have the plain form that nearly all have.
 
 As in `decoders`, nothing is refused here: for whatever is not plain the answer is None, and the request goes the long
 way, which says what is wrong with it. A request of one chunk with a few texts is far below all budgets.
@@ -51,11 +51,17 @@ class _Reader:
 
     def opaque(self) -> bytes | None:
         """A ByteString."""
-        length = self.number()
-        start, self.at = self.at, self.at + max(length, 0)
-        if length < -1 or self.at > len(self._data):
+        data, start = self._data, self.at + 4
+        length: int = _NUMBER.unpack_from(data, self.at)[0]
+        if length < 0:
+            if length < -1:
+                raise NotPlainError
+            self.at = start
+            return None
+        self.at = end = start + length
+        if end > len(data):
             raise NotPlainError
-        return None if length < 0 else self._data[start : self.at]
+        return data[start:end]
 
     def text(self) -> str | None:
         """A String."""
@@ -124,9 +130,17 @@ def _activate_session(read: _Reader) -> Any:
     return ua.ActivateSessionParameters(signature, [], locales, token, read.signature())
 
 
+def _get_endpoints(read: _Reader) -> Any:
+    url: Any = read.text()
+    locales: Any = read.texts() or []
+    profiles: Any = read.texts() or []
+    return ua.GetEndpointsParameters(url, locales, profiles)
+
+
 SESSION_REQUESTS: Final[dict[Any, Callable[[_Reader], Any]]] = {
     ua.CreateSessionParameters: _create_session,
     ua.ActivateSessionParameters: _activate_session,
+    ua.GetEndpointsParameters: _get_endpoints,
 }
 """Decoders by the class of the parameters."""
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
 import yaml
 
+from tests.architecture.statements import statements
 from tests.contract.conftest import DRIVERS
 from tests.system import ROOT
 
@@ -29,14 +31,14 @@ def load(folder: Path) -> dict[str, Any]:
     return cast("dict[str, Any]", document)
 
 
-def names_of_tests(file: Path) -> set[str]:
+@cache
+def names_of_tests(file: Path) -> frozenset[str]:
     """The names of the tests in a file."""
-    functions = (node for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
-    return {
+    return frozenset(
         node.name
-        for node in functions
+        for node in statements(ast.parse(file.read_text(encoding="utf-8")))
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.name.startswith("test_")
-    }
+    )
 
 
 def missing_test(reference: str) -> str:

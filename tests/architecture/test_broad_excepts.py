@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+from tests.architecture.statements import statements
 from tests.architecture.test_sizes import name_of, sources
 
 BROAD: Final = {"Exception", "BaseException"}
@@ -28,7 +29,7 @@ def is_broad(handler: ast.ExceptHandler) -> bool:
 def broad_excepts(text: str) -> Iterator[tuple[int, str]]:
     """The lines of those that do not end with `raise`."""
     lines = text.splitlines()
-    for node in ast.walk(ast.parse(text)):
+    for node in statements(ast.parse(text)):
         if isinstance(node, ast.ExceptHandler) and is_broad(node) and not isinstance(node.body[-1], ast.Raise):
             yield node.lineno, lines[node.lineno - 1]
 
@@ -37,7 +38,8 @@ def test_a_broad_except_that_goes_on_says_why() -> None:
     found = {
         f"{name_of(path)}:{number}": line
         for path in sources()
-        for number, line in broad_excepts(path.read_text("utf-8"))
+        if "except" in (text := path.read_text("utf-8"))  # most files need not be parsed
+        for number, line in broad_excepts(text)
     }
     assert len(found) > 50
     assert {place: line for place, line in found.items() if not has_reason(line)} == {}

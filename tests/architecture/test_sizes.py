@@ -15,6 +15,7 @@ from typing import Final
 import pytest
 
 from tests import system
+from tests.architecture.statements import statements
 
 MOST_LINES: Final = 400
 MOST_LINES_OF_A_FUNCTION: Final = 60
@@ -188,7 +189,7 @@ def sources() -> tuple[Path, ...]:
 
 def functions(tree: ast.Module) -> Iterator[tuple[str, int]]:
     """The name of each function, and its lines without its docstring."""
-    for node in ast.walk(tree):
+    for node in statements(tree):
         if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) or node.end_lineno is None:
             continue
         size, first = node.end_lineno - node.lineno + 1, node.body[0]

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+from tests.architecture.statements import statements
 from tests.architecture.test_sizes import name_of, sources
 
 UNTYPED: Final = frozenset(
@@ -21,7 +22,7 @@ RELAXED: Final = re.compile(r"^# pyright: (?:basic|.*reportUnknown)", re.MULTILI
 
 
 def imported(tree: ast.Module) -> Iterator[str]:
-    for node in ast.walk(tree):
+    for node in statements(tree):
         if isinstance(node, ast.Import):
             yield from (each.name for each in node.names)
         elif isinstance(node, ast.ImportFrom):

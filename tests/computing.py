@@ -1,24 +1,32 @@
 """What each file of tests computes: `make test ARGS=--computing`.
 
 On a busy machine the time that a test takes says little; what it computes stays about the same. Of a file are counted
-its process of tests, what that started and has ended, and what was forked off for it (`forking`).
+its process of tests, what that started and has ended, and what was forked off for it (`forking`). A browser ends
+without waiting for its helpers, which compute most of it: who ends one notes them before (`note_helpers`).
 """
 
 from __future__ import annotations
 
+import contextlib
+import os
 import resource
 from collections import defaultdict
 from collections.abc import Generator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import pytest
 
 from tests import forking
 
-__all__ = ["Computed", "ComputingMeter", "ComputingTable", "computed"]
+__all__ = ["Computed", "ComputingMeter", "ComputingTable", "computed", "note_helpers"]
 
 _OUTPUT: Final = "computed_before_tests_s"
+_HELPER: Final = b"--type="
+"""What stands in the command of each of Chromium's processes but the first."""
+_TICKS_A_SECOND: Final = os.sysconf("SC_CLK_TCK")
+_helpers_s: Final[list[float]] = []
 
 
 @dataclass(frozen=True)
@@ -45,7 +53,35 @@ class Computed:
 def computed() -> Computed:
     """What this process has computed up to now, and its children that have ended."""
     own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return Computed(own.ru_utime + own.ru_stime, children.ru_utime + children.ru_stime + forking.computed_s())
+    return Computed(
+        own.ru_utime + own.ru_stime, children.ru_utime + children.ru_stime + forking.computed_s() + sum(_helpers_s)
+    )
+
+
+def note_helpers() -> float:
+    """Count what the helpers of the browsers of this process have computed, those that have ended too; the seconds.
+
+    To be called once for a browser, when it is about to end: nobody waits for them, so no system call tells it later.
+    """
+    parents: dict[int, int] = {}
+    helpers_s: dict[int, float] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            # After the name: state, parent; utime, stime, cutime, cstime are the 12th to the 15th.
+            fields = (folder / "stat").read_text(errors="replace").rpartition(")")[2].split()
+            pid = int(folder.name)
+            parents[pid] = int(fields[1])
+            if _HELPER in (folder / "cmdline").read_bytes():
+                helpers_s[pid] = sum(int(ticks) for ticks in fields[11:15]) / _TICKS_A_SECOND
+
+    def is_ours(pid: int) -> bool:
+        while pid > 1 and pid != os.getpid():
+            pid = parents.get(pid, 0)
+        return pid == os.getpid()
+
+    seconds = sum(computed_s for pid, computed_s in helpers_s.items() if is_ours(pid))
+    _helpers_s.append(seconds)
+    return seconds
 
 
 class ComputingMeter:

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, sync_playwright
 
-from tests import system
+from tests import computing, system
 
 PICTURES: Final = system.ROOT / "build" / "pictures"
 THEMES: Final = ("light", "dark")
@@ -84,6 +84,7 @@ def chromium(*options: str, whole: bool = False) -> Generator[Browser]:
         try:
             yield browser
         finally:
+            computing.note_helpers()
             browser.close()
 
 

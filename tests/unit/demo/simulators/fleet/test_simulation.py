@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import pytest
 from ua_demo.equations import EQUATION_12_KINDS
-from ua_demo.simulators.fleet import Settings, report, simulate
+from ua_demo.simulators.fleet import Result, Settings, report, simulate
 from ua_demo.simulators.fleet.fleet import SettingsInvalid
 
 from ua_fleet.traffic import MessageKind
@@ -14,15 +15,21 @@ from ua_fleet.traffic import MessageKind
 SMALL = Settings(robots=6, tasks=12, faults=2)
 
 
+@functools.cache
+def simulated(settings: Settings) -> Result:
+    """Once for all tests that need the same."""
+    return simulate(settings)
+
+
 def test_who_gets_a_datagram_changes_no_message() -> None:
-    routed, to_all = simulate(SMALL), simulate(replace(SMALL, all_hear_all=True))
+    routed, to_all = simulated(SMALL), simulate(replace(SMALL, all_hear_all=True))
     assert routed.traffic.messages_at == to_all.traffic.messages_at
     assert routed.traffic.bytes_at == to_all.traffic.bytes_at
     assert to_all.drops["repeated"] > routed.drops["repeated"]  # they were delivered, and dropped
 
 
 def test_periods_change_nothing_of_equation_12() -> None:
-    usual, slow = simulate(SMALL), simulate(replace(SMALL, keep_alive_s=60))
+    usual, slow = simulated(SMALL), simulate(replace(SMALL, keep_alive_s=60))
     for kind in EQUATION_12_KINDS:
         assert usual.traffic.messages[kind] == slow.traffic.messages[kind]
         assert usual.traffic.bytes[kind] == slow.traffic.bytes[kind]
@@ -30,18 +37,18 @@ def test_periods_change_nothing_of_equation_12() -> None:
 
 
 def test_the_same_seed_gives_the_same_report() -> None:
-    one, same = report.as_json(simulate(SMALL)), report.as_json(simulate(SMALL))
+    one, same = report.as_json(simulated(SMALL)), report.as_json(simulate(SMALL))
     assert {**one, "wall_s": 0} == {**same, "wall_s": 0}
 
 
 def test_another_seed_has_other_robots_fail() -> None:
-    failed = {tuple(failure.robot for failure in simulate(replace(SMALL, seed=seed)).failures) for seed in range(4)}
+    failed = {tuple(failure.robot for failure in simulated(replace(SMALL, seed=seed)).failures) for seed in range(4)}
     assert len(failed) > 1
 
 
 @pytest.mark.parametrize("faults", range(6))
 def test_whatever_fails_each_task_is_done_once(faults: int) -> None:
-    result = simulate(replace(SMALL, faults=faults))
+    result = simulated(replace(SMALL, faults=faults))
     assert result.is_right, result.reason
     assert len({failure.robot for failure in result.failures}) == len(result.failures) == faults
     assert result.traffic.messages[MessageKind.FAULT] == faults
@@ -54,7 +61,7 @@ def test_whatever_fails_each_task_is_done_once(faults: int) -> None:
 
 
 def test_a_failure_costs_the_fault_and_the_request_to_another_robot() -> None:
-    none, one = simulate(replace(SMALL, faults=0)), simulate(replace(SMALL, faults=1))
+    none, one = simulated(replace(SMALL, faults=0)), simulated(replace(SMALL, faults=1))
     more = one.traffic.messages - none.traffic.messages
     wanted = {MessageKind.FAULT: 1, MessageKind.REQUEST: 2, MessageKind.RESPONSE: 2, MessageKind.STATUS: 1}
     assert {kind: count for kind, count in more.items() if kind in EQUATION_12_KINDS} == wanted

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
-from typing import Final
+from typing import Final, cast
 
 __all__ = ["statements"]
 
@@ -15,7 +15,7 @@ _BODIES: Final = ("body", "orelse", "finalbody", "handlers", "cases")
 def statements(parent: ast.AST) -> Iterator[ast.AST]:
     """All statements beneath this one at any depth, with the clauses of `try` and `match`."""
     for name in _BODIES:
-        held = getattr(parent, name, None)
-        for node in held if isinstance(held, list) else ():  # `body` of a lambda is an expression
+        held: object = getattr(parent, name, None)
+        for node in cast("list[ast.AST]", held) if isinstance(held, list) else ():  # a lambda's `body` is an expression
             yield node
             yield from statements(node)

@@ -82,10 +82,14 @@ def by_chance(seed: int, rate: float = 0.15) -> IsKilled:
     return lambda _facts: random.choice(("before", "after")) if random.random() < rate else ""
 
 
+def _never(_facts: list[Fact]) -> str:
+    return ""
+
+
 class _Journal(FailingJournal):
     """Which may kill the process that writes."""
 
-    is_killed: IsKilled = staticmethod(lambda _facts: "")
+    is_killed: IsKilled = staticmethod(_never)
 
     def write(self, facts: Iterable[tuple[str, Fact]], *args: Any, **kwargs: Any) -> None:
         facts = list(facts)
@@ -127,7 +131,7 @@ class _Process(Service):
         journal.is_killed = world.is_killed
 
     @property
-    def now(self) -> float:
+    def now(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
         return self._world.now
 
     @now.setter

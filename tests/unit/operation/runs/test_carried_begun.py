@@ -120,15 +120,19 @@ def test_a_run_of_which_no_bridge_knows_anything_is_aborted(tmp_path: Path) -> N
     assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.ABORTED]
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda world: world.bridges.off.add(300),
-        lambda world: world.bridges.does.__setitem__((300, Word.FETCH), NOBODY),
-        lambda world: world.bridges.does.__setitem__((300, Word.FETCH), FAILS),
-    ],
-    ids=["off", "silent", "refuses"],
-)
+def is_off(world: Carried) -> None:
+    world.bridges.off.add(300)
+
+
+def is_silent(world: Carried) -> None:
+    world.bridges.does[300, Word.FETCH] = NOBODY
+
+
+def refuses(world: Carried) -> None:
+    world.bridges.does[300, Word.FETCH] = FAILS
+
+
+@pytest.mark.parametrize("change", [is_off, is_silent, refuses])
 def test_a_run_whose_first_bridge_does_not_say_it_waits_and_can_be_aborted(
     tmp_path: Path, change: Callable[[Carried], None]
 ) -> None:

@@ -1,3 +1,4 @@
+# pyright: reportPrivateUsage=false
 """What the server's journal has of a carried run with many rounds."""
 
 from __future__ import annotations
@@ -216,21 +217,29 @@ def test_a_result_of_a_task_that_was_done_in_an_early_round_alone_is_kept() -> N
     assert "0.repeat.1.then.0" in state_of(left).tasks_done
 
 
+def stand_in(at: float, step: str) -> list[Fact]:
+    return [Replaced(at, step, "r1", "r2", "auto")]
+
+
+def returned(at: float, step: str) -> list[Fact]:
+    return [*stand_in(at, step), RobotReturned(at, "r1")]
+
+
+def itself_again(at: float, step: str) -> list[Fact]:
+    return [*stand_in(at, step), Replaced(at, step, "r1", "r1", "auto")]
+
+
+def returned_for_one(at: float, step: str) -> list[Fact]:
+    return [Replaced(at, step, "r1", "r2", "auto", capacities=("a", "b")), RobotReturned(at, "r1", "a")]
+
+
+def for_one_task(at: float, step: str) -> list[Fact]:
+    return [Replaced(at, step, "r1", "r2", "auto", lasting=False)]
+
+
 @pytest.mark.parametrize(
     ("change", "stands_in"),
-    [
-        (lambda at, step: [Replaced(at, step, "r1", "r2", "auto")], True),
-        (lambda at, step: [Replaced(at, step, "r1", "r2", "auto"), RobotReturned(at, "r1")], False),
-        (lambda at, step: [Replaced(at, step, "r1", "r2", "auto"), Replaced(at, step, "r1", "r1", "auto")], False),
-        (
-            lambda at, step: [
-                Replaced(at, step, "r1", "r2", "auto", capacities=("a", "b")),
-                RobotReturned(at, "r1", "a"),
-            ],
-            True,
-        ),
-        (lambda at, step: [Replaced(at, step, "r1", "r2", "auto", lasting=False)], False),
-    ],
+    [(stand_in, True), (returned, False), (itself_again, False), (returned_for_one, True), (for_one_task, False)],
 )
 @pytest.mark.parametrize("rounds", [range(5), range(0, 1000, 7)], ids=["a few times", "over and over"])
 def test_who_stands_in_for_whom_is_kept(

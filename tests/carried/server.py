@@ -131,11 +131,11 @@ class _Process(Service):
         journal.is_killed = world.is_killed
 
     @property
-    def now(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def now(self) -> float:
         return self._world.now
 
     @now.setter
-    def now(self, _now: float) -> None: ...
+    def now(self, _now: float) -> None: ...  # pyright: ignore[reportIncompatibleVariableOverride]
 
     # In place of SkillCommands.
 

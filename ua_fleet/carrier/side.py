@@ -282,7 +282,7 @@ class _Carrier:
                 self._take_part(content, now)
             case Word.TOKEN:
                 # The token, what its first task is asked with, and that its robot is to begin. The server is answered
-                # before that: where it ends meanwhile, it must not take a run that robots were told of for none.
+                # before that: one that is killed without the answer has to ask all bridges whether the run has begun.
                 with self._one_sync(is_turn=sender != 0):
                     self._do(self._holder.take_token(content, sender, wall_s))
             case Word.END:

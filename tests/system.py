@@ -186,22 +186,20 @@ def missing(part: str) -> str | None:
 _PORTS = range(20_000, 32_768)
 """Below what the system gives outgoing connections: one of these could take a port before the test listens on it."""
 _BLOCK = 32
-"""Ports that one process gives to its tests, and no other process of tests meanwhile."""
-_block: list[tuple[socket.socket, Iterator[int]]] = []
-os.register_at_fork(after_in_child=_block.clear)
+"""Ports that one process gives to its tests, and no other process of tests while it runs."""
+_blocks: list[tuple[socket.socket, Iterator[int]]] = []
+"""The last one has ports left. A server may begin to listen, or begin again, long after its port was given out."""
+os.register_at_fork(after_in_child=_blocks.clear)
 
 
 def free_tcp_port() -> int:
     """A port of loopback that nobody listens on; another one each time, also beside other processes of tests."""
-    for _ in range(2 * len(_PORTS) // _BLOCK):
-        if not _block:
-            _block.append(_claimed_block())
-        for port in _block[0][1]:
+    while True:
+        for port in _blocks[-1][1] if _blocks else ():
             with socket.socket() as probe, contextlib.suppress(OSError):
                 probe.bind(("127.0.0.1", port))
                 return port
-        _block.pop()[0].close()
-    raise RuntimeError(f"no port from {_PORTS[0]} to {_PORTS[-1]} is free")
+        _blocks.append(_claimed_block())
 
 
 def _claimed_block() -> tuple[socket.socket, Iterator[int]]:
@@ -216,7 +214,7 @@ def _claimed_block() -> tuple[socket.socket, Iterator[int]]:
             lock.close()
             continue
         return lock, iter(range(first, min(first + _BLOCK, _PORTS.stop)))
-    raise RuntimeError("all ports are other tests'")
+    raise RuntimeError(f"all ports from {_PORTS[0]} to {_PORTS[-1]} are other tests', or were given out")
 
 
 def free_multicast_url() -> str:

@@ -31,7 +31,7 @@ from ua_fleet.endpoint.connection import FrameError
 from ua_fleet.endpoint.convert import ticks_of
 from ua_fleet.endpoint.decoding import Hello, OpenRequest, decode_hello, decode_open
 from ua_fleet.endpoint.limits import CHUNK_BYTES, MIN_CHUNK_BYTES, EndpointLimits
-from ua_fleet.endpoint.opening import OPENING, Opening, check_open_header
+from ua_fleet.endpoint.opening import OPENING, OpenHeader, Opening, check_open_header
 from ua_fleet.endpoint.secure_connection import NONE_URI, CheckedConnection, Message, der
 from ua_fleet.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes, name_of, status
 from ua_fleet.endpoint.trust import (
@@ -190,7 +190,7 @@ class Channel:
                 self._receive_hello(decode_hello(frame[_HELLO_AT:]))
                 return None
             if frame.startswith(OPENING) and self._hello and not self.is_open:
-                self._open(self._secure.take_opening(frame))
+                self._open(self._secure.take_opening(frame, self._check_receiver(frame)))
                 return None
             header: Any = header_from_binary(buffer)
             if not self._hello or (header.MessageType != _OPEN and not self.is_open):
@@ -198,7 +198,7 @@ class Channel:
             if header.MessageType == _OPEN and header.ChunkType != ua.ChunkType.Single:
                 raise FrameError(StatusCodes.BadTcpMessageTypeInvalid, "an OpenSecureChannel in chunks")
             if header.MessageType == _OPEN:
-                self._secure.check_receiver(check_open_header(frame))
+                self._check_receiver(frame)
             message: Any = self._secure.receive_from_header_and_body(header, buffer)
             if self._secure.aborted > _ABORTS_BEFORE_AUTHENTICATION and not self._authenticated:
                 raise FrameError(StatusCodes.BadTcpNotEnoughResources, "too many aborted messages")
@@ -226,6 +226,17 @@ class Channel:
             code = StatusCodes.BadSecurityChecksFailed if self._hello else StatusCodes.BadDecodingError
             raise FrameError(code, f"{type(error).__name__}: {error!s:.100}") from error
         return Message(int(message.SequenceHeader().RequestId), bytes(message.body()))
+
+    def _check_receiver(self, frame: bytes) -> OpenHeader:
+        """The header of an OpenSecureChannel for our certificate; another one is refused, and told of."""
+        header = check_open_header(frame)
+        try:
+            self._secure.check_receiver(header)
+        except FrameError:
+            certificate = (header.certificate or b"")[:MAX_CHAIN_BYTES]
+            self._asked = ChannelOpened(0, certificate, self.is_open, header.policy_uri[:255], 0, 0.0)
+            raise
+        return header
 
     def _take(self, frame: bytes) -> Message | None:
         """The message of a frame under the channel's keys; None for any other frame."""

@@ -174,15 +174,13 @@ class CheckedConnection(SecureConnection):
         self._peer_sequence_number = sequence
         return Message(request_id, body)
 
-    def take_opening(self, frame: bytes) -> Opening:
-        """The first OpenSecureChannel message; raises what `open_opening` and `check_open_header` raise, and more.
+    def take_opening(self, frame: bytes, header: OpenHeader) -> Opening:
+        """The first OpenSecureChannel message, with its header; raises what `open_opening` raises, and more.
 
         Raises:
             FrameError: no policy of this server, or a message that is too long.
             CertificateRefused: the client's certificate is not accepted; our private key has not been used then.
         """
-        header = check_open_header(frame)
-        self.check_receiver(header)
         self.select_policy(header.policy_uri, header.certificate)
         sequence, message = open_opening(frame, header.start, self.security_policy)
         if len(frame) > self._limits.max_recv_buffer or not self._limits.is_msg_size_within_limit(len(message.body)):

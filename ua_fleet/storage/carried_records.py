@@ -65,7 +65,9 @@ class CarriedRecords:
             place: the bridge's `state_dir`; or a file that is open and has CARRIED_TABLES.
         """
         if isinstance(place, Path):
-            place = Database(place / CARRIED_FILE, version=_VERSION, schema=CARRIED_TABLES, is_prompt=True)
+            # A bridge that gets its first part makes the file amid its work: then the log grows to its length.
+            file = place / CARRIED_FILE
+            place = Database(file, version=_VERSION, schema=CARRIED_TABLES, is_prompt=file.exists())
         self._database = place
         self.runs: RunJournal = _KeptRuns(self._database)
         """Of segments."""

@@ -39,6 +39,8 @@ _CHECKPOINT_PAGES: Final = 1_000
 """Of the log, as SQLite has it: so many are written into the file at once, and the log begins anew."""
 _LOG_BYTES: Final = 32 + (_CHECKPOINT_PAGES + 64) * (24 + 4_096)
 """Of a log with so many pages, each with its head, and with those of the commit that passes them."""
+_FREE_LOGS: Final = 8
+"""So many times as much as a log has to be free on the disk for it to get its length at once."""
 _LOCK_WAIT_S: Final = 1.0
 """How long the end of a process that still holds the file is waited for."""
 _FULL: Final = (sqlite3.SQLITE_FULL,)
@@ -193,10 +195,9 @@ class Database:
                 raise
 
     def release(self) -> None:
-        """Let the log be written into the file again."""
+        """Let the log be written into the file again. It grows to its length: to write that at once would take a while."""
         with _errors(self.path):
             self._connection.execute(f"PRAGMA wal_autocheckpoint={_CHECKPOINT_PAGES}")
-            self._lengthen_log()
 
     def _lengthen_log(self) -> None:
         """Give the log its length, where it is shorter. Only while the file is locked: others would be at its end."""
@@ -204,11 +205,15 @@ class Database:
             return
         log = os.open(f"{self.path}-wal", os.O_RDWR | os.O_CLOEXEC)
         try:
-            length = os.fstat(log).st_size
-            with contextlib.suppress(OSError):  # of a disk that is full: what is recorded finds it out, or has room yet
-                # Written, since space that is only reserved is one more record of the file system when it is used.
-                os.pwrite(log, bytes(max(0, _LOG_BYTES - length)), length)
+            length, disk = os.fstat(log).st_size, os.fstatvfs(log)
+            if disk.f_bavail * disk.f_frsize < _FREE_LOGS * _LOG_BYTES:
+                return  # what there is of the disk is for what is recorded
+            # Written, since space that is only reserved is one more record of the file system when it is used.
+            os.pwrite(log, bytes(max(0, _LOG_BYTES - length)), length)
             os.fdatasync(log)
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
         finally:
             os.close(log)
 

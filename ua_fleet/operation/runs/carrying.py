@@ -188,7 +188,7 @@ class OutputCarrier:
     def _carry_out_written(self, *, asks_first: bool) -> None:
         if self._goes_on_at is not None:
             return  # it is written, and has its place behind what waits
-        until = self._clock() + TURN_S
+        until, has_asked = self._clock() + TURN_S, not asks_first
         while self._written or self._unwritten or self._unwritten_facts:
             if not self._written:
                 self._write()
@@ -197,8 +197,9 @@ class OutputCarrier:
                 return
             elif self._to_ask and (asks_first or self._to_ask[0] is self._written[0]):
                 self._ask_one(self._to_ask.popleft())
-                if asks_first and not self._to_ask:
-                    until = self._clock() + TURN_S  # a slow disk keeps back requests, and nothing that is shown
+                if not has_asked and not self._to_ask:
+                    # A slow disk keeps back requests, and nothing that is shown. Once: an answer may bring the next one.
+                    until, has_asked = self._clock() + TURN_S, True
             else:
                 self._carry_out_one(self._written.popleft())
 

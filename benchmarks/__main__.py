@@ -20,6 +20,7 @@ from benchmarks.harness import BESIDE, FEWEST_ROUNDS, PART, Failed, Figure, Unav
 HERE = Path(__file__).parent
 RESULTS = HERE / "results.json"
 NO_GROUPS = {"__init__", "__main__", "harness", "report"}
+WITH_PARTS = ("services",)
 
 
 def groups() -> list[str]:
@@ -69,6 +70,8 @@ def main() -> int:
     if arguments.part is not None:
         if arguments.only is None:
             parser.error("--part is one of a group: name that with --only")
+        if arguments.only not in WITH_PARTS:
+            parser.error(f"{arguments.only} has no parts, as {', '.join(WITH_PARTS)} has")
         os.environ[PART] = arguments.part
     if arguments.beside is not None:
         os.environ[BESIDE] = str(arguments.beside.resolve())

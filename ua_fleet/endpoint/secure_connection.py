@@ -40,7 +40,6 @@ from ua_fleet.endpoint.opening import (
     Message,
     OpenHeader,
     Opening,
-    check_open_header,
     open_opening,
     seal_opening,
 )

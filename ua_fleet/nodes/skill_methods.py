@@ -22,6 +22,7 @@ import structlog
 from asyncua import ua
 
 from ua_fleet.endpoint.convert import node_id
+from ua_fleet.endpoint.sessions import current_session
 from ua_fleet.endpoint.stack import GOOD, Refusal, StatusCodes, status
 from ua_fleet.errors import LocalWireError, NotAnnounced, RobotBusy, RobotOffline
 from ua_fleet.fleet.model import RobotModel
@@ -172,6 +173,8 @@ class SkillMethods:
         """Ask the robot, once its Action is announced; what may be asked is looked at each time. The execution's id."""
         robot, skill, key, topic = offered
         execution_id = secrets.token_bytes(EXECUTION_ID_BYTES)
+        session = current_session.get()
+        link, user = (None, None) if session is None else (session.link, session.user)
         while True:
             named = self._checked(offered, given)
             try:
@@ -180,6 +183,11 @@ class SkillMethods:
                 if self._clock() >= self._since.get(key, 0.0) + _ANNOUNCED_WITHIN_S:
                     raise
                 await asyncio.sleep(_LOOK_S)
+                # Nothing moves for somebody who has gone meanwhile, or may no more.
+                if session is None or link is None or user is None:
+                    continue
+                if (refusal := session.refusal(link, user)) is not None:
+                    raise refusal from None
             else:
                 return execution_id
 

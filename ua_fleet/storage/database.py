@@ -195,7 +195,7 @@ class Database:
                 raise
 
     def release(self) -> None:
-        """Let the log be written into the file again. It grows to its length: to write that at once would take a while."""
+        """Let the log be written into the file again, and grow to its length: to write that at once takes a while."""
         with _errors(self.path):
             self._connection.execute(f"PRAGMA wal_autocheckpoint={_CHECKPOINT_PAGES}")
 

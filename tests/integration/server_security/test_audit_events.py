@@ -134,6 +134,17 @@ async def test_a_refused_certificate(hardened: Door, told: Events, identities: I
     common(channel, "SecureChannel/OpenSecureChannel", "System/OpenSecureChannel", done=False)
 
 
+async def test_a_channel_for_another_certificate(hardened: Door, told: Events, identities: Identities) -> None:
+    client = await hardened.client()
+    policy: Any = client.security_policy
+    policy.peer_certificate = b"another certificate"
+    assert await bad(client.connect_sessionless()) in ("BadCertificateInvalid", "closed")
+    event = await told.first("AuditOpenSecureChannelEventType")
+    common(event, "SecureChannel/OpenSecureChannel", "System/OpenSecureChannel", done=False)
+    assert event.ClientCertificate == identities.client.certificate.read_bytes()
+    assert "BadCertificateInvalid" in event.Message.Text
+
+
 async def test_writes(hardened: Door, told: Events) -> None:
     async with hardened.connected("oscar") as client:
         node = client.get_node(hardened.nodes.value)

@@ -11,7 +11,9 @@ import pytest
 
 from tests.unit.nodes.skilled import STATUS, TURN, model, said
 from ua_fleet.endpoint.convert import node_id
+from ua_fleet.endpoint.sessions import Session, current_session
 from ua_fleet.endpoint.stack import StatusCodes
+from ua_fleet.endpoint.users import Role, User
 from ua_fleet.errors import NotAnnounced, RobotOffline, UaFleetError
 from ua_fleet.nodes.skill_methods import SkillMethods
 from ua_fleet.operation.skills.tracker import SkillTracker, SkillTransitioned
@@ -151,6 +153,20 @@ async def test_a_start_that_waits_asks_nothing_of_a_robot_that_fell_silent() -> 
     bench.tracker.apply(SourceSilent(STATUS), 2)
     bench.error = None
     assert await refused(call) == StatusCodes.BadNoCommunication
+    assert bench.asked == []
+
+
+async def test_a_start_that_waits_ends_with_the_session_of_who_asked() -> None:
+    bench = Bench()
+    bench.error = NotAnnounced("asked for")
+    link: Any = object()
+    session = Session(link, b"", "client", 60.0, user=User("oscar", Role.OPERATOR))
+    before = current_session.set(session)
+    call = asyncio.ensure_future(bench.start())
+    current_session.reset(before)
+    await asyncio.sleep(0)
+    session.closed, bench.error = True, None
+    assert await refused(call) == StatusCodes.BadSessionClosed
     assert bench.asked == []
 
 

@@ -198,7 +198,7 @@ class OutputCarrier:
             elif self._to_ask and (asks_first or self._to_ask[0] is self._written[0]):
                 self._ask_one(self._to_ask.popleft())
                 if not has_asked and not self._to_ask:
-                    # A slow disk keeps back requests, and nothing that is shown. Once: an answer may bring the next one.
+                    # A slow disk keeps back requests, and nothing that is shown. Once: an answer may bring a request.
                     until, has_asked = self._clock() + TURN_S, True
             else:
                 self._carry_out_one(self._written.popleft())

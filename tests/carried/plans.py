@@ -143,11 +143,27 @@ def alone_by(random: Random) -> Scenario:
     rounds: list[dict[str, Any]] = [writer.task([], here), seldom]
     if random.random() < 0.5:
         rounds.insert(random.randint(0, 2), {"repeat": [writer.task([], here), _seldom(writer, 101)], "times": 3})
+    if random.random() < 0.4:
+        rounds.append(_whole(writer, here, random))
     loop = {"repeat": rounds, "times": random.randint(3, 6)}
+    if random.random() < 0.4:
+        loop = _whole(writer, here, random, depth=1)
     steps = [writer.task([], robots), loop, *[writer.task([], here) for _ in range(random.randint(0, 1))]]
     if random.random() < 0.3:
         steps[1] = {"parallel": [[loop], [writer.task([], robots)]]}
     return scenario_of(json.dumps({"version": 1, "name": "made", "steps": [*steps, writer.task([], ["r2"])]}))
+
+
+def _whole(writer: _Writer, here: list[str], random: Random, depth: int = 0) -> dict[str, Any]:
+    """A repetition all of whose tasks are at one bridge; some have one within them."""
+    known: list[str] = []
+    body: list[dict[str, Any]] = []
+    for _ in range(random.randint(1, 3)):
+        body.append(writer.task(known, here))
+        known.append(body[-1]["task"])
+    if depth and random.random() < 0.5:
+        body.insert(random.randint(0, len(body)), _whole(writer, here, random))
+    return {"repeat": body, "times": random.randint(2, 6)}
 
 
 def _seldom(writer: _Writer, level: int) -> dict[str, Any]:

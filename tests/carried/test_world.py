@@ -16,7 +16,9 @@ from ua_fleet.carrying.facts import PauseTold
 from ua_fleet.carrying.part import PartSegment, Road, decode_part
 from ua_fleet.carrying.plan import Segment
 from ua_fleet.carrying.whole_plan import plan_of
+from ua_fleet.carrying.whole_repeats import InnerRounds
 from ua_fleet.scenario.effects import StartTask
+from ua_fleet.scenario.facts import Fact
 
 FEW: Final = 400
 """Seeds of the usual test run, which has little time."""
@@ -124,6 +126,16 @@ def test_an_adoption_without_an_epoch_is_found() -> None:
 
 def test_an_adoption_that_does_not_know_what_nobody_has_heard_of_to_be_over_is_found() -> None:
     assert is_found(is_alone=True, has_proof=False)
+
+
+def test_an_adoption_that_begins_no_round_that_a_person_names_within_a_segment_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def nothing(_self: InnerRounds, _step: str, _at: float) -> list[Fact]:
+        return []
+
+    monkeypatch.setattr(InnerRounds, "begin", nothing)
+    assert is_found(is_alone=True)
 
 
 def test_execution_ids_without_the_round_are_found() -> None:

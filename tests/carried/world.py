@@ -461,6 +461,8 @@ class Off:
         self.gone: tuple[int, ...] = (self.space,)
         self.segments: dict[int, PartSegment] = {}
         self.facts: dict[SegmentRound, tuple[str, ...]] = {}
+        self.heard: list[Fact] = []
+        """What the server has fetched of those that are left out as one."""
         self.is_superseded = False
         """Whether another one is left out together with this one."""
 
@@ -513,7 +515,7 @@ class Off:
         if before is not None and not before.is_done:  # both as one, from the plan before both
             before.is_superseded, self.gone = True, (*before.gone, self.space)
             plan, parts = before.first_plan, before.first_parts
-            self.segments, self.facts = dict(before.segments), dict(before.facts)
+            self.segments, self.heard = dict(before.segments), list(before.heard)
         left = [space for space in parts if space not in self.gone]
         is_kept = before is not None and before.is_superseded and before.heir in left
         self.heir = before.heir if before is not None and is_kept else self.random.choice(left)
@@ -522,7 +524,7 @@ class Off:
         adopt_after_s = 0.0 if world.no_epoch else ADOPT_S
         self.parts = parts_of(self.plan, RUN, "made", {}, "x", adopt_after_s=adopt_after_s, epoch=self.epoch)
         self.segments |= parts[self.space].segments
-        self.facts |= self._facts(victim, parts[self.space])
+        self.facts = self._facts(victim)  # the heir of the one before may have begun what was that one's
         self.begun = self._begun(parts)
 
     def _begun(self, parts: Mapping[int, Part]) -> list[FilledSlot]:
@@ -539,7 +541,7 @@ class Off:
             found += begun_slots(own, fetched[: random.choice((random.randint(0, len(fetched)), len(fetched)))])
         return found
 
-    def _facts(self, victim: Bridge, part: Part) -> dict[SegmentRound, tuple[str, ...]]:
+    def _facts(self, victim: Bridge) -> dict[SegmentRound, tuple[str, ...]]:
         """What the server has fetched before it was off, which may not be all; and what robots have done in truth."""
         done = [one.step for one in self.world.robots.begun if not one.fails]
         fetched: list[Fact] = []
@@ -547,10 +549,11 @@ class Off:
             done, fetched = _last_rounds(done), self._fetched(victim.space)
         for lines in victim.all_segments.values() if not self.world.is_brief else ():
             fetched += [decode_fact(line) for line in lines[: self.random.randint(0, len(lines))]]
-        fetched.sort(key=lambda fact: fact.at)
+        self.heard = list({encode_fact(fact): fact for fact in (*self.heard, *fetched)}.values())
+        self.heard.sort(key=lambda fact: fact.at)
         facts: dict[SegmentRound, tuple[str, ...]] = {}
-        for segment in part.segments.values():
-            for place, said in adopted_places(segment, fetched, done, self.world.now, "x").items():
+        for segment in self.segments.values():
+            for place, said in adopted_places(segment, self.heard, done, self.world.now, "x").items():
                 facts[place] = tuple([encode_fact(fact) for fact in said])
         return facts
 

@@ -19,6 +19,7 @@ from functools import reduce
 from types import MappingProxyType
 from typing import Any, Final
 
+from ua_fleet.carrying.named_rounds import NO_ROUND, depth_of, named_rounds, rounds_of
 from ua_fleet.carrying.part import (
     MOST_JSON_BYTES,
     MOST_PART_BYTES,
@@ -31,6 +32,7 @@ from ua_fleet.carrying.part import (
 from ua_fleet.carrying.plan import Plan, PlanView, missing_requestors
 from ua_fleet.carrying.proof import FilledSlot, proved_over
 from ua_fleet.carrying.token import SegmentRound, Token
+from ua_fleet.carrying.whole_repeats import InnerRounds
 from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.facts import Fact, IterationStarted, StepEnded, StepState, TaskAnswered, TaskOver, Then
 from ua_fleet.scenario.model import BranchPoint, Task
@@ -38,7 +40,6 @@ from ua_fleet.scenario.model import Sequence as Steps
 from ua_fleet.scenario.state import RunState, TaskPhase
 
 __all__ = [
-    "NO_ROUND",
     "Adoption",
     "FilledSlot",
     "adopted_facts",
@@ -60,8 +61,6 @@ __all__ = [
     "rounds_said",
 ]
 
-NO_ROUND: Final = "none"
-"""What a person says with a task, as `task@none`, of which no round was done that was not heard of."""
 _UNDER_WAY: Final = (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED, TaskPhase.HALTING, TaskPhase.ASKED, TaskPhase.LOST)
 
 
@@ -133,7 +132,8 @@ def adopted_facts(
     Args:
         steps: of the segment.
         facts: of the run, as the server has them.
-        done: tasks that a robot has done although nobody has told so, by their names or the keys of their steps.
+        done: tasks that a robot has done although nobody has told so, by their names or the keys of their steps. Of
+            one in a repetition that is within the segment the round is said, `task@41`, or it is the newest one.
         at: when it was said.
         by: the person.
         rounds: the numbers of the repetitions around the segment.
@@ -143,18 +143,41 @@ def adopted_facts(
     state = RunState()
     for fact in known:
         state.apply(fact)
-    said: list[Fact] = []
     tasks = [one for one in Scenario("", Steps("", 0, steps)).steps() if isinstance(one, Task)]
-    keys = {task.key: task.key + scope for task in tasks} | {task.name: task.key + scope for task in tasks}
-    named = {keys.get(name, name) for name in done}
+    inner = InnerRounds(known, rounds)
+    named = _named_steps(tasks, done, rounds, inner)
+    unheard = [step for step in named if step not in state.tasks and not inner.is_past(step)]
+    begun: list[Fact] = []
+    for step in sorted(unheard, key=rounds_of, reverse=True):
+        if not inner.is_past(step):
+            begun += inner.begin(step, at)
+    unheard = [step for step in unheard if not inner.is_past(step)]
+    said: list[Fact] = []
     for step, task in state.tasks.items():
-        if step not in state.ended and (step in named or task.name in done):
+        if step in state.ended or inner.is_past(step):
+            continue
+        if step in named or task.name in done:
             said.append(TaskAnswered(at, step, Then.DONE, by))
-        elif step not in state.ended and task.phase in _UNDER_WAY:
+        elif task.phase in _UNDER_WAY:
             said.append(TaskAnswered(at, step, Then.RETRY, by))
-    own = [step for step in dict.fromkeys([keys.get(name, name) for name in done]) if step.partition("@")[0] in keys]
-    unheard = [step for step in own if _is_within(step, scope) and step not in state.tasks]
-    return known + said + [StepEnded(at, step, StepState.DONE, f"{by} has said so") for step in unheard]
+    ended = [StepEnded(at, step, StepState.DONE, f"{by} has said so") for step in unheard]
+    return [*inner.needed(known, unheard), *said, *begun, *ended]
+
+
+def _named_steps(
+    tasks: Iterable[Task], done: Iterable[str], rounds: tuple[int, ...], inner: InnerRounds
+) -> dict[str, None]:
+    """The steps that a person has named, in these rounds of the repetitions around a segment: each once."""
+    keys = {name: task.key for task in tasks for name in (task.name, task.key)}
+    found: dict[str, None] = {}
+    for name in done:
+        task, at, said = name.partition("@")
+        if (key := keys.get(task)) is None:
+            continue
+        there = named_rounds(key, said) if at else inner.newest(key, rounds)
+        if there is not None and there[: len(rounds)] == rounds:
+            found["@".join((key, *map(str, there)))] = None
+    return found
 
 
 def adopted_places(
@@ -164,14 +187,16 @@ def adopted_places(
 
     A task that the person names without its round is one of the last round.
     """
-    steps, loops, done = segment.body.steps, len(segment.loops), _by_keys(segment, done)
+    steps, loops = segment.body.steps, len(segment.loops)
     if steps and isinstance(point := steps[-1], BranchPoint) and point.is_loop:
         return _decided_rounds(segment.number, point, facts)
     heard, told = _by_rounds(segment, facts), dict[tuple[int, ...], list[str]]()
-    keys = [task.key for task in Scenario("", Steps("", 0, steps)).steps()]
+    keys = {name: task.key for task in segment.tasks() for name in (task.name, task.key)}
     for name in done:
-        if name.partition("@")[0] in keys and len(there := _rounds_of(name)[:loops]) == loops:
-            told.setdefault(there, []).append(name)
+        task, at_sign, said = name.partition("@")
+        there = named_rounds(keys[task], said) if at_sign and task in keys else None
+        if there is not None and depth_of(keys[task]):
+            told.setdefault(there[:loops], []).append(name)
     last = max((*heard, *told), default=(0,) * loops)
     found: dict[SegmentRound, list[Fact]] = {}
     for each in sorted({*heard, *told, last}):
@@ -180,19 +205,13 @@ def adopted_places(
     return found
 
 
-def _by_keys(segment: PartSegment, done: Iterable[str]) -> list[str]:
-    """What a person names with its round, as `task@41`, by the keys of steps; all else as it was said."""
-    keys = {task.name: task.key for task in segment.tasks()}
-    said = [(name, *name.partition("@")) for name in done]
-    return [f"{keys.get(task, task)}@{rounds}" if at else name for name, task, at, rounds in said]
-
-
 def rounds_said(tasks: Iterable[Task], done: Iterable[str]) -> list[tuple[int, ...] | None]:
     """In which rounds a person says that some of these tasks were done; None: in none but those that were heard of."""
-    names = {name for task in tasks for name in (task.name, task.key)}
+    keys = {name: task.key for task in tasks for name in (task.name, task.key)}
     said = [name.partition("@") for name in done]
-    named = [rounds for task, at, rounds in said if at and task in names]
-    return [None if rounds == NO_ROUND else _rounds_of(f"@{rounds}") for rounds in named]
+    named = [(keys[task], rounds) for task, at, rounds in said if at and task in keys]
+    known = [(rounds == NO_ROUND, named_rounds(key, rounds)) for key, rounds in named]
+    return [None if is_none else rounds for is_none, rounds in known if is_none or rounds]
 
 
 def begun_places(
@@ -248,7 +267,7 @@ def _by_rounds(segment: PartSegment, facts: Iterable[Fact]) -> dict[tuple[int, .
     """The facts of a segment, by the rounds of the repetitions around it."""
     found: dict[tuple[int, ...], list[Fact]] = {}
     for step, fact in _of_steps(segment.body.steps, facts):
-        if len(there := _rounds_of(step)[: len(segment.loops)]) == len(segment.loops):
+        if len(there := rounds_of(step)[: len(segment.loops)]) == len(segment.loops):
             found.setdefault(there, []).append(fact)
     return found
 
@@ -284,18 +303,13 @@ def _decided_rounds(number: int, point: BranchPoint, facts: Sequence[Fact]) -> d
     found: dict[SegmentRound, list[Fact]] = {}
     last: dict[tuple[int, ...], int] = {}
     for step, fact in _of_steps((point,), facts):
-        rounds = _rounds_of(step)
+        rounds = rounds_of(step)
         if isinstance(fact, IterationStarted):
             last[rounds] = fact.number
             found[SegmentRound(number, (*rounds, fact.number))] = [fact]
         elif isinstance(fact, StepEnded):
             found[SegmentRound(number, (*rounds, last.get(rounds, -1) + 1))] = [fact]
     return found
-
-
-def _rounds_of(step: str) -> tuple[int, ...]:
-    """The numbers of the repetitions in which a step is."""
-    return tuple([int(number) for number in step.split("@")[1:] if number.isdigit()])
 
 
 def _is_within(step: str, scope: str) -> bool:

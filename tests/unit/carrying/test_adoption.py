@@ -259,7 +259,9 @@ ASSIGNED = TaskAssigned(1.0, "1", "two", 1, "b", "00" * 16, "work")
     ("facts", "done", "said"),
     [
         ([], ["two"], [StepEnded(9.0, "1", StepState.DONE, "anna has said so")]),
-        ([], ["1@2"], [StepEnded(9.0, "1@2", StepState.DONE, "anna has said so")]),
+        ([], ["1"], [StepEnded(9.0, "1", StepState.DONE, "anna has said so")]),
+        ([], ["1@2"], []),
+        ([], ["two@none"], []),
         ([], ["one"], []),
         ([ASSIGNED], [], [TaskAnswered(9.0, "1", Then.RETRY, "anna")]),
         ([ASSIGNED, TaskAccepted(2.0, "1", 1)], ["two"], [TaskAnswered(9.0, "1", Then.DONE, "anna")]),

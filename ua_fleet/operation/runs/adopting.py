@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from ua_fleet.carrying import Part, encode_part
 from ua_fleet.carrying.adoption import (
@@ -16,15 +16,29 @@ from ua_fleet.carrying.adoption import (
     needed_places,
     rounds_said,
 )
+from ua_fleet.carrying.named_rounds import times_of, why_unclear
 from ua_fleet.carrying.part import PartSegment
 from ua_fleet.carrying.proof import heads_alone, proved_over
 from ua_fleet.carrying.token import SegmentRound
+from ua_fleet.carrying.whole_repeats import WholeRepeat
 from ua_fleet.carrying.words import decode_words
 from ua_fleet.scenario import Value
 from ua_fleet.scenario.facts import RunAdopted, decode_fact
+from ua_fleet.scenario.model import Task
 from ua_fleet.skill.executions import unpack
 
-__all__ = ["Adopting"]
+__all__ = ["Adopting", "UnknownRounds"]
+
+
+class UnknownRounds(NamedTuple):
+    """A repetition of which more rounds may be done than anybody has heard of."""
+
+    spaces: tuple[int, ...]
+    """Of the bridges that may have done them."""
+    tasks: tuple[Task, ...]
+    """All that these do in a round."""
+    heard: str
+    """The round that was heard of last, as `4@2` within two repetitions; empty where none was."""
 
 
 @dataclass(slots=True)
@@ -42,6 +56,12 @@ class Adopting:
     """Tokens that the others have, or newer ones, as facts of theirs say."""
     stand_ins: Mapping[str, Mapping[str, str]]
     """Who stands in for robots, as far as was fetched."""
+    homes: Mapping[int, int]
+    """The space of the bridge that has each of the segments."""
+    repeats: Sequence[WholeRepeat] = ()
+    """Those within segments, of whose rounds no token tells."""
+    unsure: frozenset[int] = frozenset()
+    """The spaces of bridges that are off, and may have done more than what was fetched of them."""
     filled: dict[int, tuple[FilledSlot, ...]] = field(default_factory=dict[int, tuple[FilledSlot, ...]])
     """What the others have, by their spaces."""
 
@@ -65,27 +85,49 @@ class Adopting:
             adoption = Adoption(part, self.gone, self.said.by, filled, self.results, facts, self.stand_ins)
         return encode_adoption(adoption, encode_part(part))
 
-    def unknown_rounds(self) -> tuple[str, str] | None:
+    def why_unclear(self, done: Sequence[str]) -> str:
+        """Why what a person says is done cannot be taken; empty where it can."""
+        tasks = [task for one in self.segments.values() for task in one.tasks()]
+        times = times_of(step for one in self.segments.values() for step in one.body.steps)
+        return next((why for name in done if (why := why_unclear(name, tasks, times))), "")
+
+    def unknown_rounds(self) -> UnknownRounds | None:
         """A repetition of which bridges that are off may have done rounds that nobody has heard of, since no other one
         takes part in them, and no person has named the last one of them; None where there is none.
 
-        Returns:
-            The name of a task in it, and the round of which was heard last; empty where none was.
+        Those of bridges that were left out before are known, or were named then.
         """
         own = begun_places(self.segments, self.facts)
         proved = proved_over(self.segments, (*self.begun, *own))
-        for head in heads_alone(self.segments):
-            depth = len(self.segments[head].loops)
-            within = [one for one in self.segments.values() if head in one.loops]
+        unsure = {number: one for number, one in self.segments.items() if self.homes[number] in self.unsure}
+        before = {number: one for number, one in self.segments.items() if self.homes[number] != self.said.space}
+        settled = heads_alone(before)
+        for head in heads_alone(unsure):
+            depth, within = len(unsure[head].loops), [one for one in unsure.values() if head in one.loops]
+            heard = [place.rounds[:depth] for place in self._heard(within)]
             tasks = [task for one in within for task in one.tasks()]
-            if not tasks or proved.passed.get(head) == ():
+            if head not in settled and proved.passed.get(head) != () and not self._is_named(tasks, depth, heard):
+                return self._unknown(within, tasks, heard)
+        for repeat in self.repeats:
+            number = repeat.segment
+            if number in before or number not in unsure or repeat.is_over or proved.passed.get(number) == ():
                 continue
-            heard = max((place.rounds[:depth] for place in self._heard(within)), default=())
-            least = (*heard[:-1], heard[-1] - 1) if heard else ()
-            said = rounds_said(tasks, self.said.done)
-            if not any(one is None or one[:depth] >= least for one in said):
-                return tasks[0].name or tasks[0].key, "@".join(map(str, heard))
+            if not self._is_named(repeat.tasks, repeat.depth, [repeat.heard]):
+                return self._unknown([unsure[number]], repeat.tasks, [repeat.heard])
         return None
+
+    def _is_named(self, tasks: Sequence[Task], depth: int, heard: Iterable[tuple[int, ...]]) -> bool:
+        """Whether a person has named a last round of a repetition that may be it, as to what was heard."""
+        newest = max(heard, default=())
+        least = (*newest[:-1], newest[-1] - 1) if newest else ()
+        said = rounds_said(tasks, self.said.done)
+        return not tasks or any(one is None or one[:depth] >= least for one in said)
+
+    def _unknown(
+        self, within: Sequence[PartSegment], tasks: Sequence[Task], heard: Iterable[tuple[int, ...]]
+    ) -> UnknownRounds:
+        spaces = tuple(dict.fromkeys([self.homes[one.number] for one in within if one.tasks()]))
+        return UnknownRounds(spaces, tuple(tasks), "@".join(map(str, max(heard, default=()))))
 
     def _heard(self, within: Iterable[PartSegment]) -> Iterator[SegmentRound]:
         """In which rounds of these segments anything is known that no person has said."""

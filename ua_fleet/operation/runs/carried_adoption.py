@@ -13,7 +13,6 @@ from dataclasses import replace
 
 from ua_fleet.carrying import Part, Plan, PlanView, parts_of, split
 from ua_fleet.carrying.adoption import (
-    NO_ROUND,
     adopted_places,
     begun_slots,
     heir_of,
@@ -21,14 +20,16 @@ from ua_fleet.carrying.adoption import (
     plan_without_all,
     results_heard,
 )
+from ua_fleet.carrying.named_rounds import NO_ROUND, example_of
 from ua_fleet.carrying.part import PartInvalid, decode_part
 from ua_fleet.carrying.whole_plan import plan_of
+from ua_fleet.carrying.whole_repeats import whole_repeats
 from ua_fleet.config.connections import connection_numbers
 from ua_fleet.config.relays import speakers_on
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ScenarioError
 from ua_fleet.operation.log import Log
-from ua_fleet.operation.runs.adopting import Adopting
+from ua_fleet.operation.runs.adopting import Adopting, UnknownRounds
 from ua_fleet.operation.runs.carried_state import BridgeNames, CarriedPhase, FollowedRun
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.runs.values import names_of
@@ -84,26 +85,37 @@ def _before(facts: Sequence[Fact], also: Collection[int]) -> list[Fact]:
     return [fact for fact in facts if not (isinstance(fact, RunAdopted) and fact.space in also)]
 
 
+class DoneUnclear(ScenarioError):
+    """A person has named a task that was done in a way that cannot be taken."""
+
+    ua_status = StatusCode.BAD_INVALID_ARGUMENT
+
+
 class RoundsUnknown(ScenarioError):
     """A bridge may have done rounds that nobody has heard of: its heir would have robots do them again."""
 
     ua_status = StatusCode.BAD_INVALID_STATE
 
-    def __init__(self, run_id: str, bridge: str, task: str, heard: str) -> None:
+    def __init__(self, run_id: str, bridge: str, doers: str, unknown: UnknownRounds) -> None:
         """Say what a person has to see, and how to say it.
 
         Args:
             run_id: the run.
-            bridge: that is off.
-            task: one of the repetition.
-            heard: the round of which was heard last; empty where none was.
+            bridge: that is off, as the person has said.
+            doers: the names of the bridges that may have done these rounds.
+            unknown: the repetition.
         """
-        known = f"round {heard} was heard of last" if heard else "no round was heard of"
+        known = f"round {unknown.heard} was heard of last" if unknown.heard else "no round was heard of"
+        names = list(dict.fromkeys([task.name or task.key for task in unknown.tasks]))
+        last = " ".join(dict.fromkeys([f"--done {example_of(task)}" for task in unknown.tasks]))
+        none = " ".join([f"--done {name}@{NO_ROUND}" for name in names])
+        is_one = len(names) == 1
+        see = "round they have done last" if is_one else "round of each task they have done last"
         super().__init__(
-            f"{bridge} may have done more rounds of {task} alone: {known}, and the server has not fetched all of its"
-            f" facts; see at its robots which round they have done last, counted from 0, and name it: ua-fleet scenario"
-            f" adopt {run_id} {shlex.quote(bridge)} --off --done {task}@ROUND; where they have done no more: --done"
-            f" {task}@{NO_ROUND}"
+            f"{doers} may have done more rounds of {' and '.join(names)} alone: {known}, and the server has not fetched"
+            f" all of the facts; see at the robots which {see}, counted from 0, and name {'it' if is_one else 'each'}:"
+            f" ua-fleet scenario adopt {run_id} {shlex.quote(bridge)} --off {last}; where they have done no more:"
+            f" {none}"
         )
 
 
@@ -144,9 +156,13 @@ class Adoptions:
         heir = self._heir(facts, run, (*also, space))
         said = RunAdopted(self._wall_s(), space, heir, (*said_before, *done), by, also)
         made = self._made(run.run_id, facts, said)
+        if why := made.why_unclear(done):
+            raise DoneUnclear(why)
         has_more = space not in run.bridges or run.bridges[space].may_have_more
-        if has_more and (unknown := made.unknown_rounds()) is not None:
-            raise RoundsUnknown(run.run_id, bridge, *unknown)
+        made.unsure = (frozenset() if before is None else before.unsure) | ({space} if has_more else frozenset())
+        if (unknown := made.unknown_rounds()) is not None:
+            doers = " and ".join([self._names[one] for one in unknown.spaces])
+            raise RoundsUnknown(run.run_id, bridge, doers, unknown)
         made.content_for(heir)  # refuses what is too large, before anything is written down
         return made
 
@@ -176,10 +192,12 @@ class Adoptions:
         said = facts[numbers[-1]]
         assert isinstance(said, RunAdopted)
         try:
-            return self._made(run_id, facts[: numbers[-1]], said)
+            made = self._made(run_id, facts[: numbers[-1]], said)
         except ScenarioError as error:
             self._log.error("bridges cannot be told that one of them is left out", run_id=run_id, reason=str(error))
             return None
+        made.unsure = frozenset(made.gone)  # whether all of theirs was fetched is not known any more
+        return made
 
     def offer(self, run: FollowedRun, space: int) -> str:
         """What a person can do about a bridge that has not answered for long; empty while there is nothing."""
@@ -331,6 +349,7 @@ class Adoptions:
         for fact in facts:
             state.apply(fact)
         segments = {number: one for space in gone for number, one in before[space].segments.items()}
+        homes = {number: space for space in gone for number in before[space].segments}
         places = {
             place: adopted
             for one in segments.values()
@@ -340,4 +359,5 @@ class Adoptions:
         results = {f"{task}.{name}": value for task, given in state.results.items() for name, value in given.items()}
         results = results_heard(segments, places, results)
         new = parts(plan_without_all(plan, gone, said.heir), epoch + 1)
-        return Adopting(said, new, results, segments, known, begun_slots(own, facts), state.stand_ins)
+        repeats = [repeat for one in segments.values() for repeat in whole_repeats(one, facts)]
+        return Adopting(said, new, results, segments, known, begun_slots(own, facts), state.stand_ins, homes, repeats)

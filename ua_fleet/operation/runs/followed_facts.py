@@ -130,7 +130,7 @@ def _step(fact: Fact) -> str:
 def _place(fact: Fact) -> _Place | None:
     """The step and the round of a fact; None where it is about none, or not within a repetition."""
     step, *numbers = _step(fact).split("@")
-    rounds = tuple([int(number) for number in numbers if number.isdigit()])
+    rounds = tuple([int(number) for number in numbers if number.isascii() and number.isdecimal()])
     if isinstance(fact, IterationStarted):
         return f"{step} decides", (*rounds, fact.number)
     return (step, rounds) if rounds else None

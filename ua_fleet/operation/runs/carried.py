@@ -54,6 +54,7 @@ from ua_fleet.pubsub.run_data import RUN_DATA_COUNT, RUN_DATA_HOLDS, RUN_DATA_ID
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import (
+    AdoptionTold,
     OutsideTold,
     RunAdopted,
     RunCarried,
@@ -99,6 +100,7 @@ MOST_REASON: Final = 600
 """Characters of the reason that bridges are told: whatever they are, a bridge can read them."""
 MOST_JSON_BYTES: Final = 1_000_000
 """Of one page, decompressed."""
+HEIR_WAITS: Final = "it goes on once all others know which bridge is off"
 _PAGE_WORDS: Final = frozenset({"facts", "last", "more", "told", "active", "waits", "closed"})
 """What a page has at least; other versions have others."""
 _OF_SEGMENTS: Final = (RunCreated, RunPaused, RunResumed, RunClosing, RunEnded, OutsideTold, StandInTold)
@@ -422,6 +424,7 @@ class CarriedRuns:
                 self._enter(run, CarriedPhase.FOLLOWING, 0.0)
             case CarriedPhase.ADOPTING if not missing:
                 self._log.info("a carried run goes on without one of its bridges", run_id=run.run_id)
+                self._service.note(run.run_id, [AdoptionTold(self._wall_s())])
                 self._enter(run, CarriedPhase.FOLLOWING, 0.0)
             case CarriedPhase.FOLLOWING if run.closed is not None and all(a.is_complete for a in run.bridges.values()):
                 self._end(run)
@@ -452,28 +455,28 @@ class CarriedRuns:
                 word, content = Word.PART, run.parts[space]
             case CarriedPhase.BEGINNING if space == run.first and not asked.is_done:
                 word, content = Word.TOKEN, run.token
-            case CarriedPhase.ADOPTING if asked.has_refused:
-                word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.last)
-            case CarriedPhase.ADOPTING if run.adopting and not asked.is_done and run.adopting.may_be_told(space):
+            case CarriedPhase.ADOPTING if run.adopting and run.adopting.may_be_told(space) and asked.may_take:
                 word, content = Word.ADOPT, run.adopting.content_for(space)
-            case CarriedPhase.ADOPTING if not asked.is_done:
-                asked.problem = "it goes on once all others know which bridge is off"
-                return
             case CarriedPhase.CLOSING if not asked.is_done:
                 _, outcome, reason = run.closed or (0.0, "aborted", "")
                 word, content = Word.END, encode_words(run=run.run_id, outcome=outcome, reason=reason[:MOST_REASON])
             case CarriedPhase.FOLLOWING if not asked.has_pause:
                 word, content = Word.PAUSE, encode_words(run=run.run_id, paused=run.is_paused, by=run.paused_by)
-            case CarriedPhase.FOLLOWING | CarriedPhase.CLOSING | CarriedPhase.ASKING:
+            case CarriedPhase.FOLLOWING | CarriedPhase.CLOSING | CarriedPhase.ASKING | CarriedPhase.ADOPTING:
+                # Also one that knows of an adoption, or cannot be told yet: the run may be over there.
                 word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.last)
             case _:
                 return
         phase, adopting, is_paused = run.phase, run.adopting, run.is_paused
+        if (has_waited := _waits_for_others(run, asked)) and not asked.is_away:
+            asked.problem = HEIR_WAITS
 
         def told(outcome: RequestOutcome) -> None:
             if word is Word.PAUSE and is_good(outcome):
                 asked.has_pause = is_paused == run.is_paused
             self._answered(run, (phase, adopting), space, word, outcome)
+            if has_waited and not _waits_for_others(run, asked):
+                asked.next_at = 0.0
 
         asked.is_asked = self._ask(space, word, content, told)
         if not asked.is_asked:
@@ -562,7 +565,7 @@ class CarriedRuns:
         # One that does not know yet that the run is over may have had a token since, and begun something.
         asked.is_complete = has_all and not words["active"] and words["closed"] is not None
         asked.has_token = bool(words["holds"])  # of several runs of a bridge its DataSet repeats one alone
-        asked.problem = str(words["waits"])
+        asked.problem = HEIR_WAITS if _waits_for_others(run, asked) else str(words["waits"])
         if asked.problem or words["closed"] is not None:
             asked.next_at = self._clock() + CLOSING_S
         if words["closed"] is not None and run.closed is None:
@@ -646,6 +649,14 @@ class CarriedRuns:
         if asked is None:
             return BridgeTold(state, False, "it is not in fleet.yaml any more")
         return BridgeTold(state, asked.has_token, asked.problem)
+
+
+def _waits_for_others(run: FollowedRun, asked: AskedBridge) -> bool:
+    """Whether a bridge is the heir of an adoption, and is told once all others are."""
+    if run.phase is not CarriedPhase.ADOPTING or run.adopting is None:
+        return False
+    heir = run.adopting.said.heir
+    return run.bridges.get(heir) is asked and not run.adopting.may_be_told(heir)
 
 
 def _late_run(record: RunRecord, names: BridgeNames) -> FollowedRun:

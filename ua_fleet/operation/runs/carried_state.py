@@ -70,6 +70,11 @@ class AskedBridge:
     """Whether it knows that the run is over, does nothing for it, and has no more facts."""
 
     @property
+    def may_take(self) -> bool:
+        """Whether it has still to be told in this phase, and has not just refused that."""
+        return not self.is_done and not self.has_refused
+
+    @property
     def may_have_more(self) -> bool:
         """Whether it may have done more than what was fetched of it."""
         return not self.is_caught_up or self.news > self.told

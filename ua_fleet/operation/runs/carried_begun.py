@@ -9,9 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from enum import Enum
-from typing import Any
+from typing import Any, Final
 
 __all__ = ["Beginning", "beginning_of", "has_begun", "has_not_begun"]
+
+
+_ENDED_BY_BRIDGES: Final = ("done", "failed")
+"""How the bridges themselves end a run that has begun."""
 
 
 class Beginning(Enum):
@@ -24,12 +28,14 @@ class Beginning(Enum):
     NO_TOKEN = "no token"  # noqa: S105 - of a run
     """It has its part, and has had no token."""
     BEGUN = "begun"
-    """It has a token, or has done something."""
+    """It has a token, or has done something; or it knows that the run is over, as one that had nothing to do does."""
 
 
 def beginning_of(page: Mapping[str, Any]) -> Beginning:
     """What the first page of a bridge's facts says; `page` has the words of an answer to FETCH."""
-    return Beginning.BEGUN if page["facts"] or page["active"] or page["holds"] else Beginning.NO_TOKEN
+    is_over = page["closed"] is not None and page["closed"][1] in _ENDED_BY_BRIDGES
+    has_done = page["facts"] or page["active"] or page["holds"]
+    return Beginning.BEGUN if is_over or has_done else Beginning.NO_TOKEN
 
 
 def has_begun(said: Collection[Beginning]) -> bool:

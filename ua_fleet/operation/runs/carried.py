@@ -31,6 +31,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from ua_fleet.carrying import Split, encode_part, parts_of, split
+from ua_fleet.carrying.held import LOST
 from ua_fleet.carrying.token import Token, encode_token
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
@@ -568,7 +569,8 @@ class CarriedRuns:
         asked.problem = HEIR_WAITS if _waits_for_others(run, asked) else str(words["waits"])
         if asked.problem or words["closed"] is not None:
             asked.next_at = self._clock() + CLOSING_S
-        if words["closed"] is not None and run.closed is None:
+        # That one has waited too long says less than how another one has ended the run.
+        if words["closed"] is not None and (run.closed is None or run.closed[1] == LOST):
             at, outcome, reason = words["closed"]
             run.closed = (float(at), str(outcome), str(reason))
         if run.closed is not None:  # the others know it by now, or soon

@@ -218,7 +218,9 @@ class Adoptions:
 
     def removed(self, run: FollowedRun) -> list[int]:
         """The bridges of a run that are not in fleet.yaml any more, and that it does not end without already."""
-        if run.phase is CarriedPhase.CLOSING or run.closed is not None:
+        # While it is asked whether the run has begun, that one bridge has waited too long does not end it.
+        is_over = run.closed is not None and run.phase is not CarriedPhase.ASKING
+        if run.phase is CarriedPhase.CLOSING or is_over:
             return []
         return [space for space in run.late if space not in self._names]
 

@@ -418,6 +418,7 @@ class CarriedRuns:
                 self._service.note(run.run_id, [StepStarted(self._wall_s(), "")])
                 self._enter(run, CarriedPhase.FOLLOWING, 0.0)
             case CarriedPhase.BEGINNING if is_late:
+                run.first_said = f"; {self._names[run.first]} was to take the token: {run.bridges[run.first].problem}"
                 self._enter(run, CarriedPhase.ASKING, 0.0)
             case CarriedPhase.ASKING:
                 self._end_asking(run)
@@ -441,7 +442,8 @@ class CarriedRuns:
             self._service.note(run.run_id, [StepStarted(self._wall_s(), "")])
             self._enter(run, CarriedPhase.FOLLOWING, 0.0)
         elif has_not_begun(said, run.first, [*run.bridges, *run.late]):
-            self._close(run, "aborted", "nothing was begun, as its bridges say")
+            reason = f"nothing was begun, as its bridges say{run.first_said}"
+            self._close(run, "aborted", reason[:MOST_REASON])
 
     def _enter(self, run: FollowedRun, phase: CarriedPhase, until: float) -> None:
         run.phase, run.until = phase, until

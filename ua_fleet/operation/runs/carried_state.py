@@ -94,6 +94,8 @@ class FollowedRun:
     token: bytes = b""
     first: int = 0
     """The space that gets the token; 0: not known, after a restart."""
+    first_said: str = ""
+    """What became of the token there, where it was not acknowledged."""
     adopting: Adopting | None = None
     """A bridge is off, and another one goes on for it."""
     is_paused: bool = False

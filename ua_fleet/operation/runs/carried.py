@@ -39,7 +39,7 @@ from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, Storag
 from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.operation.runs.carried_adoption import Adoptions, plan_view
-from ua_fleet.operation.runs.carried_begun import Beginning, beginning_of, has_begun, has_not_begun
+from ua_fleet.operation.runs.carried_begun import Beginning, beginning_of, has_begun, has_not_begun, why_not_begun
 from ua_fleet.operation.runs.carried_questions import BridgesAnswered, CarriedQuestions, is_good
 from ua_fleet.operation.runs.carried_state import AskedBridge, BridgeNames, CarriedPhase, FollowedRun
 from ua_fleet.operation.runs.followed_facts import FollowedFacts
@@ -442,7 +442,7 @@ class CarriedRuns:
             self._service.note(run.run_id, [StepStarted(self._wall_s(), "")])
             self._enter(run, CarriedPhase.FOLLOWING, 0.0)
         elif has_not_begun(said, run.first, [*run.bridges, *run.late]):
-            reason = f"nothing was begun, as its bridges say{run.first_said}"
+            reason = f"{why_not_begun(said, run.first, self._names)}{run.first_said}"
             self._close(run, "aborted", reason[:MOST_REASON])
 
     def _enter(self, run: FollowedRun, phase: CarriedPhase, until: float) -> None:

@@ -595,13 +595,19 @@ class CarriedRuns:
         at, outcome, reason = run.closed or (self._wall_s(), "aborted", "")
         ended = _OUTCOMES.get(outcome, RunOutcome.FAILED)
         said = reason if outcome in _OUTCOMES else f"the run is {outcome}: {reason}"
+        removed = self._removed(run)
         if run.late:
-            names = " and ".join([self._names[space] for space in run.late])
-            said = f"{said and f'{said}; '}{names} did not know it: off, as people have said, and told when there"
+            lost = [fact.space for fact in removed]
+            off = [space for space in run.late if space not in lost]
+            why_off = "off, as people have said, and told when there"
+            why_lost = "not in fleet.yaml any more, and told when it is again"
+            for spaces, why in ((off, why_off), (lost, why_lost)):
+                if names := " and ".join([self._names[space] for space in spaces]):
+                    said = f"{said and f'{said}; '}{names} did not know it: {why}"
             there = {space: asked for space, asked in run.late.items() if space in self._names}
             self._late[run.run_id] = replace(run, bridges=there, until=self._clock() + self._follow_s)
         self._questions.end(run.run_id)
-        self._service.note(run.run_id, [*self._removed(run), RunEnded(at, ended, said)])
+        self._service.note(run.run_id, [*removed, RunEnded(at, ended, said)])
         del self._runs[run.run_id]
         for robot in run.robots:
             self._reserve(robot, "")

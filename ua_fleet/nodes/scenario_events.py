@@ -9,6 +9,7 @@ from ua_fleet.nodes.scenario_nodes import ranking_values
 from ua_fleet.operation.runs.records import DecisionRecord, RunRecord
 from ua_fleet.orchestrator import DecisionChanged, HoldChanged, OperatorAsked
 from ua_fleet.scenario.facts import (
+    AdoptionTold,
     Fact,
     Replaced,
     ReplacementWanted,
@@ -33,7 +34,16 @@ __all__ = ["Told", "decision_event", "fact_event", "hold_event", "question_event
 
 _STRING: Final = int(BuiltinType.STRING)
 _USUAL, _NOTABLE, _GRAVE = 100, 500, 700
-_RUN_FACTS: Final = (RunCreated, RunCarried, RunAdopted, RunPaused, RunResumed, RunClosing, RunEnded)
+_RUN_FACTS: Final = (
+    RunCreated,
+    RunCarried,
+    RunAdopted,
+    AdoptionTold,
+    RunPaused,
+    RunResumed,
+    RunClosing,
+    RunEnded,
+)
 
 
 class Told(NamedTuple):

@@ -12,6 +12,7 @@ from typing import Any, Final, get_type_hints
 from ua_fleet.scenario.expression import Value
 
 __all__ = [
+    "AdoptionTold",
     "BranchTaken",
     "EventSeen",
     "Fact",
@@ -136,6 +137,13 @@ class RunAdopted:
     by: str
     also: Sequence[int] = ()
     """Those left out just before, of which not all others knew yet: the same one goes on for all."""
+
+
+@dataclass(frozen=True, slots=True)
+class AdoptionTold:
+    """All bridges of a carried run know which ones are off, as said last: nobody has to be told that once more."""
+
+    at: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -350,6 +358,7 @@ class RunEnded:
 Fact = (
     RunCreated
     | RunAdopted
+    | AdoptionTold
     | RunCarried
     | StepStarted
     | BranchTaken

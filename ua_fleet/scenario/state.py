@@ -9,6 +9,7 @@ from typing import Final
 
 from ua_fleet.scenario.expression import Value
 from ua_fleet.scenario.facts import (
+    AdoptionTold,
     BranchTaken,
     EventSeen,
     Fact,
@@ -188,6 +189,8 @@ class RunState:
             case RunAdopted():
                 self.carried = tuple([space for space in self.carried if space != fact.space])
                 self.untold += () if fact.heir else (fact.space,)
+            case AdoptionTold():
+                pass
             case StepStarted():
                 self.started[fact.step] = fact.at
             case BranchTaken():

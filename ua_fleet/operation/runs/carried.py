@@ -31,6 +31,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from ua_fleet.carrying import Split, encode_part, parts_of, split
+from ua_fleet.carrying.held import LOST
 from ua_fleet.carrying.token import Token, encode_token
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.config.schema import FleetConfig
@@ -38,7 +39,7 @@ from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, Storag
 from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.operation.runs.carried_adoption import Adoptions, plan_view
-from ua_fleet.operation.runs.carried_begun import Beginning, beginning_of, has_begun, has_not_begun
+from ua_fleet.operation.runs.carried_begun import Beginning, beginning_of, has_begun, has_not_begun, why_not_begun
 from ua_fleet.operation.runs.carried_questions import BridgesAnswered, CarriedQuestions, is_good
 from ua_fleet.operation.runs.carried_state import AskedBridge, BridgeNames, CarriedPhase, FollowedRun
 from ua_fleet.operation.runs.followed_facts import FollowedFacts
@@ -54,6 +55,7 @@ from ua_fleet.pubsub.run_data import RUN_DATA_COUNT, RUN_DATA_HOLDS, RUN_DATA_ID
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import (
+    AdoptionTold,
     OutsideTold,
     RunAdopted,
     RunCarried,
@@ -99,6 +101,7 @@ MOST_REASON: Final = 600
 """Characters of the reason that bridges are told: whatever they are, a bridge can read them."""
 MOST_JSON_BYTES: Final = 1_000_000
 """Of one page, decompressed."""
+HEIR_WAITS: Final = "it goes on once all others know which bridge is off"
 _PAGE_WORDS: Final = frozenset({"facts", "last", "more", "told", "active", "waits", "closed"})
 """What a page has at least; other versions have others."""
 _OF_SEGMENTS: Final = (RunCreated, RunPaused, RunResumed, RunClosing, RunEnded, OutsideTold, StandInTold)
@@ -415,6 +418,7 @@ class CarriedRuns:
                 self._service.note(run.run_id, [StepStarted(self._wall_s(), "")])
                 self._enter(run, CarriedPhase.FOLLOWING, 0.0)
             case CarriedPhase.BEGINNING if is_late:
+                run.first_said = f"; {self._names[run.first]} was to take the token: {run.bridges[run.first].problem}"
                 self._enter(run, CarriedPhase.ASKING, 0.0)
             case CarriedPhase.ASKING:
                 self._end_asking(run)
@@ -422,6 +426,7 @@ class CarriedRuns:
                 self._enter(run, CarriedPhase.FOLLOWING, 0.0)
             case CarriedPhase.ADOPTING if not missing:
                 self._log.info("a carried run goes on without one of its bridges", run_id=run.run_id)
+                self._service.note(run.run_id, [AdoptionTold(self._wall_s())])
                 self._enter(run, CarriedPhase.FOLLOWING, 0.0)
             case CarriedPhase.FOLLOWING if run.closed is not None and all(a.is_complete for a in run.bridges.values()):
                 self._end(run)
@@ -437,7 +442,8 @@ class CarriedRuns:
             self._service.note(run.run_id, [StepStarted(self._wall_s(), "")])
             self._enter(run, CarriedPhase.FOLLOWING, 0.0)
         elif has_not_begun(said, run.first, [*run.bridges, *run.late]):
-            self._close(run, "aborted", "nothing was begun, as its bridges say")
+            reason = f"{why_not_begun(said, run.first, self._names)}{run.first_said}"
+            self._close(run, "aborted", reason[:MOST_REASON])
 
     def _enter(self, run: FollowedRun, phase: CarriedPhase, until: float) -> None:
         run.phase, run.until = phase, until
@@ -452,28 +458,28 @@ class CarriedRuns:
                 word, content = Word.PART, run.parts[space]
             case CarriedPhase.BEGINNING if space == run.first and not asked.is_done:
                 word, content = Word.TOKEN, run.token
-            case CarriedPhase.ADOPTING if asked.has_refused:
-                word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.last)
-            case CarriedPhase.ADOPTING if run.adopting and not asked.is_done and run.adopting.may_be_told(space):
+            case CarriedPhase.ADOPTING if run.adopting and run.adopting.may_be_told(space) and asked.may_take:
                 word, content = Word.ADOPT, run.adopting.content_for(space)
-            case CarriedPhase.ADOPTING if not asked.is_done:
-                asked.problem = "it goes on once all others know which bridge is off"
-                return
             case CarriedPhase.CLOSING if not asked.is_done:
                 _, outcome, reason = run.closed or (0.0, "aborted", "")
                 word, content = Word.END, encode_words(run=run.run_id, outcome=outcome, reason=reason[:MOST_REASON])
             case CarriedPhase.FOLLOWING if not asked.has_pause:
                 word, content = Word.PAUSE, encode_words(run=run.run_id, paused=run.is_paused, by=run.paused_by)
-            case CarriedPhase.FOLLOWING | CarriedPhase.CLOSING | CarriedPhase.ASKING:
+            case CarriedPhase.FOLLOWING | CarriedPhase.CLOSING | CarriedPhase.ASKING | CarriedPhase.ADOPTING:
+                # Also one that knows of an adoption, or cannot be told yet: the run may be over there.
                 word, content = Word.FETCH, encode_words(run=run.run_id, after=asked.last)
             case _:
                 return
         phase, adopting, is_paused = run.phase, run.adopting, run.is_paused
+        if (has_waited := _waits_for_others(run, asked)) and not asked.is_away:
+            asked.problem = HEIR_WAITS
 
         def told(outcome: RequestOutcome) -> None:
             if word is Word.PAUSE and is_good(outcome):
                 asked.has_pause = is_paused == run.is_paused
             self._answered(run, (phase, adopting), space, word, outcome)
+            if has_waited and not _waits_for_others(run, asked):
+                asked.next_at = 0.0
 
         asked.is_asked = self._ask(space, word, content, told)
         if not asked.is_asked:
@@ -562,10 +568,11 @@ class CarriedRuns:
         # One that does not know yet that the run is over may have had a token since, and begun something.
         asked.is_complete = has_all and not words["active"] and words["closed"] is not None
         asked.has_token = bool(words["holds"])  # of several runs of a bridge its DataSet repeats one alone
-        asked.problem = str(words["waits"])
+        asked.problem = HEIR_WAITS if _waits_for_others(run, asked) else str(words["waits"])
         if asked.problem or words["closed"] is not None:
             asked.next_at = self._clock() + CLOSING_S
-        if words["closed"] is not None and run.closed is None:
+        # That one has waited too long says less than how another one has ended the run.
+        if words["closed"] is not None and (run.closed is None or run.closed[1] == LOST):
             at, outcome, reason = words["closed"]
             run.closed = (float(at), str(outcome), str(reason))
         if run.closed is not None:  # the others know it by now, or soon
@@ -588,13 +595,19 @@ class CarriedRuns:
         at, outcome, reason = run.closed or (self._wall_s(), "aborted", "")
         ended = _OUTCOMES.get(outcome, RunOutcome.FAILED)
         said = reason if outcome in _OUTCOMES else f"the run is {outcome}: {reason}"
+        removed = self._removed(run)
         if run.late:
-            names = " and ".join([self._names[space] for space in run.late])
-            said = f"{said and f'{said}; '}{names} did not know it: off, as people have said, and told when there"
+            lost = [fact.space for fact in removed]
+            off = [space for space in run.late if space not in lost]
+            why_off = "off, as people have said, and told when there"
+            why_lost = "not in fleet.yaml any more, and told when it is again"
+            for spaces, why in ((off, why_off), (lost, why_lost)):
+                if names := " and ".join([self._names[space] for space in spaces]):
+                    said = f"{said and f'{said}; '}{names} did not know it: {why}"
             there = {space: asked for space, asked in run.late.items() if space in self._names}
             self._late[run.run_id] = replace(run, bridges=there, until=self._clock() + self._follow_s)
         self._questions.end(run.run_id)
-        self._service.note(run.run_id, [*self._removed(run), RunEnded(at, ended, said)])
+        self._service.note(run.run_id, [*removed, RunEnded(at, ended, said)])
         del self._runs[run.run_id]
         for robot in run.robots:
             self._reserve(robot, "")
@@ -646,6 +659,14 @@ class CarriedRuns:
         if asked is None:
             return BridgeTold(state, False, "it is not in fleet.yaml any more")
         return BridgeTold(state, asked.has_token, asked.problem)
+
+
+def _waits_for_others(run: FollowedRun, asked: AskedBridge) -> bool:
+    """Whether a bridge is the heir of an adoption, and is told once all others are."""
+    if run.phase is not CarriedPhase.ADOPTING or run.adopting is None:
+        return False
+    heir = run.adopting.said.heir
+    return run.bridges.get(heir) is asked and not run.adopting.may_be_told(heir)
 
 
 def _late_run(record: RunRecord, names: BridgeNames) -> FollowedRun:

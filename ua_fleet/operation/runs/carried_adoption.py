@@ -34,7 +34,7 @@ from ua_fleet.operation.runs.carried_state import BridgeNames, CarriedPhase, Fol
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.runs.values import names_of
 from ua_fleet.scenario import Scenario
-from ua_fleet.scenario.facts import Fact, RunAdopted, RunCarried, RunCreated, encode_fact
+from ua_fleet.scenario.facts import AdoptionTold, Fact, RunAdopted, RunCarried, RunCreated, encode_fact
 from ua_fleet.scenario.state import RunState
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import StatusCode
@@ -172,6 +172,8 @@ class Adoptions:
         space = next((space for space in there if self._names[space] == bridge), None)
         if space is None or not is_possible:
             raise ScenarioError(f"run {run.run_id} is {run.phase.value}, and {bridge[:80]!r} cannot be left out")
+        if run.phase is CarriedPhase.ADOPTING and space in run.bridges and run.bridges[space].is_done:
+            raise ScenarioError(f"{bridge} knows that another one is off; see whether it answers once all others do")
         silent_s = self._silent_s(run, space)
         if silent_s < self._after_s and space not in run.bridges:
             raise ScenarioError(
@@ -185,9 +187,12 @@ class Adoptions:
         return space
 
     def again(self, run_id: str, facts: Sequence[Fact]) -> Adopting | None:
-        """After a restart: what bridges are to be told last, which may know it; None where none was left out."""
+        """After a restart: what bridges are to be told last, which may know it; None where none was left out.
+
+        Nor is any told once more of what all of them have known: the run has gone on since, and one may be off.
+        """
         numbers = [number for number, fact in enumerate(facts) if isinstance(fact, RunAdopted) and fact.heir]
-        if not numbers:
+        if not numbers or any(isinstance(fact, AdoptionTold) for fact in facts[numbers[-1] :]):
             return None
         said = facts[numbers[-1]]
         assert isinstance(said, RunAdopted)
@@ -231,7 +236,9 @@ class Adoptions:
 
     def removed(self, run: FollowedRun) -> list[int]:
         """The bridges of a run that are not in fleet.yaml any more, and that it does not end without already."""
-        if run.phase is CarriedPhase.CLOSING or run.closed is not None:
+        # While it is asked whether the run has begun, that one bridge has waited too long does not end it.
+        is_over = run.closed is not None and run.phase is not CarriedPhase.ASKING
+        if run.phase is CarriedPhase.CLOSING or is_over:
             return []
         return [space for space in run.late if space not in self._names]
 

@@ -70,6 +70,11 @@ class AskedBridge:
     """Whether it knows that the run is over, does nothing for it, and has no more facts."""
 
     @property
+    def may_take(self) -> bool:
+        """Whether it has still to be told in this phase, and has not just refused that."""
+        return not self.is_done and not self.has_refused
+
+    @property
     def may_have_more(self) -> bool:
         """Whether it may have done more than what was fetched of it."""
         return not self.is_caught_up or self.news > self.told
@@ -89,6 +94,8 @@ class FollowedRun:
     token: bytes = b""
     first: int = 0
     """The space that gets the token; 0: not known, after a restart."""
+    first_said: str = ""
+    """What became of the token there, where it was not acknowledged."""
     adopting: Adopting | None = None
     """A bridge is off, and another one goes on for it."""
     is_paused: bool = False

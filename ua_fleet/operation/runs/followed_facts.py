@@ -2,7 +2,8 @@
 
 Of rounds that are over these stay:
 
-    the last tasks            as many as people are shown, with all that happened since the first of them
+    the last tasks            as many as people are shown
+    the last facts            since the first of these tasks, but no more than so many: rounds may have no task
     the newest round          of each step, which proves that all before it are over: a repetition has one round at a
                               time. An adoption goes by that
     the newest that was done  of each task: its results may be read, and `after` goes by it
@@ -31,10 +32,12 @@ from ua_fleet.scenario.facts import (
     encode_fact,
 )
 
-__all__ = ["FORGOTTEN_EACH", "KEPT_TASKS", "FollowedFacts"]
+__all__ = ["FORGOTTEN_EACH", "KEPT_FACTS", "KEPT_TASKS", "FollowedFacts"]
 
 KEPT_TASKS: Final = 500
 """The last ones. A run shows as many."""
+KEPT_FACTS: Final = 5000
+"""The last ones, where they are fewer than those since the first of these tasks: a round may have no task at all."""
 FORGOTTEN_EACH: Final = 500
 """After so many new facts those that are not needed are forgotten."""
 
@@ -105,12 +108,12 @@ class FollowedFacts:
         """See what has to stay."""
         facts = sorted(self._known.values(), key=lambda fact: fact.at)
         shown: dict[str, None] = {}
-        self._since = None
+        self._since = facts[-KEPT_FACTS].at if len(facts) >= KEPT_FACTS else None
         for fact in reversed(facts):
             if isinstance(fact, TaskAssigned):
                 shown[fact.step] = None
                 if len(shown) >= self._kept_tasks:
-                    self._since = fact.at
+                    self._since = fact.at if self._since is None else max(fact.at, self._since)
                     break
         done: dict[str, tuple[tuple[int, ...], str]] = {}
         for fact in facts:

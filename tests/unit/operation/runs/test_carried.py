@@ -479,7 +479,7 @@ def test_a_run_ends_without_a_bridge_that_was_left_out_and_is_taken_out_of_the_f
     again.go(1.0)
     assert not again.mistakes.count, again.mistakes.text()
     (ended,) = again.facts(RunEnded)
-    assert "space 302 did not know it" in ended.reason
+    assert ended.reason == "enough; space 302 did not know it: off, as people have said, and told when there"
     assert not again.facts(RunAdopted), "it is in the journal already"
     again.go(12.0)
     again.journal.close()
@@ -487,6 +487,25 @@ def test_a_run_ends_without_a_bridge_that_was_left_out_and_is_taken_out_of_the_f
     assert last.asked(12.0) == [], "nobody is asked for a bridge that is not there"
     assert last.carried.next_deadline(last.now) is None
     assert not last.mistakes.count, last.mistakes.text()
+
+
+def test_what_nobody_has_said_of_a_bridge_is_not_said_with_what_people_have(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 4)
+    run_id = world.begin()
+    world.bridges.off |= {301}
+    world.carried.abort(run_id, "enough", "anna")
+    world.go(AWAY_S + 10)
+    world.bridges.off |= {303}
+    world.carried.adopt(run_id, "c1", (), "anna")
+    world.journal.close()
+    again = Carried(tmp_path, 3)
+    again.go(1.0)
+    (ended,) = again.facts(RunEnded)
+    assert ended.reason == (
+        "enough; c1 did not know it: off, as people have said, and told when there; space 303 did not know it: not in"
+        " fleet.yaml any more, and told when it is again"
+    )
+    assert [(fact.space, fact.by) for fact in again.facts(RunAdopted)] == [(303, "the server")]
 
 
 def test_a_run_that_was_under_way_is_followed_without_a_bridge_that_is_taken_out_of_the_file(tmp_path: Path) -> None:
@@ -499,7 +518,9 @@ def test_a_run_that_was_under_way_is_followed_without_a_bridge_that_is_taken_out
     assert f"or abort the run: ua-fleet scenario abort {run_id}" in again.reason()
     again.carried.abort(run_id, "", "anna")
     again.go(1.0)
-    assert [fact.outcome for fact in again.facts(RunEnded)] == [RunOutcome.ABORTED]
+    (ended,) = again.facts(RunEnded)
+    assert ended.outcome is RunOutcome.ABORTED
+    assert ended.reason.endswith("; space 302 did not know it: not in fleet.yaml any more, and told when it is again")
     assert not again.mistakes.count, again.mistakes.text()
     again.journal.close()
     back = Carried(tmp_path, 3)
@@ -717,6 +738,7 @@ def test_two_bridges_that_are_taken_out_of_the_file_are_left_out_as_one(tmp_path
     again.go(3.0)
     assert (300, Word.ADOPT) not in [(space, word) for space, word, _ in again.bridges.contents], "303 does not know it"
     assert f"ua-fleet scenario adopt {run_id} 'space 303' --off" in again.reason()
+    again.bridges.does[300, Word.ADOPT] = None
     assert again.carried.adopt(run_id, "space 303", (), "anna") == "c0"
     again.go(3.0)
     told = adopted_by(again, 300)
@@ -725,7 +747,7 @@ def test_two_bridges_that_are_taken_out_of_the_file_are_left_out_as_one(tmp_path
     again.journal.close()
     last = Carried(tmp_path, 2)
     last.go(3.0)
-    assert adopted_by(last, 300) == told, "a server that is started again says the same"
+    assert adopted_by(last, 300) == told, "a server that is started again meanwhile says the same"
     assert not last.mistakes.count, last.mistakes.text()
 
 

@@ -185,3 +185,75 @@ def test_a_first_bridge_that_is_not_in_the_file_keeps_the_run_waiting(tmp_path: 
     world.carried.abort(run_id, "", "anna")
     world.go(1.0)
     assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.ABORTED]
+
+
+@pytest.mark.parametrize("outcome", ["done", "failed"])
+def test_a_bridge_that_had_nothing_to_do_proves_that_a_run_which_is_over_has_begun(
+    tmp_path: Path, outcome: str
+) -> None:
+    killed(tmp_path)
+    world = again(tmp_path, {301: told(closed=outcome), 302: told(closed=outcome)})
+    world.bridges.off.add(300)
+    world.go(2.0)
+    assert not ends(world)
+    assert len(world.facts(StepStarted)) == 1
+    world.bridges.off.clear()
+    world.bridges.does[300, Word.FETCH] = told(FACT, closed=outcome)
+    world.go(6.0)
+    assert [fact.outcome.value for fact in world.facts(RunEnded)] == [outcome]
+
+
+def test_what_to_do_is_said_where_a_bridge_that_is_asked_has_left_the_file_and_another_one_has_waited_too_long(
+    tmp_path: Path,
+) -> None:
+    run_id = killed(tmp_path)
+    world = Carried(tmp_path, 2)
+    world.bridges.does |= {(300, Word.FETCH): UNKNOWN, (301, Word.FETCH): told(closed="lost")}
+    world.go(AWAY_S)
+    assert not ends(world), "space 302 may know more"
+    assert (
+        "space 302: it is not in fleet.yaml any more, and whether the run has begun is not known: declare it again and"
+        f" restart the server, or abort the run: ua-fleet scenario abort {run_id}" in world.reason()
+    )
+    world.carried.abort(run_id, "", "anna")
+    world.go(1.0)
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.ABORTED]
+
+
+def test_that_one_bridge_has_waited_too_long_is_not_how_a_run_ends_that_another_one_has_begun(tmp_path: Path) -> None:
+    killed(tmp_path)
+    world = again(tmp_path, {301: told(closed="lost"), 302: told()})
+    world.bridges.does[300, Word.FETCH] = None
+    world.go(1.0)
+    world.bridges.does[300, Word.FETCH] = told(active=("0",))
+    world.go(6.0)
+    assert world.facts(StepStarted)
+    world.bridges.does |= {(space, Word.FETCH): told(FACT, closed="done") for space in (300, 301, 302)}
+    world.go(6.0)
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.DONE]
+
+
+def test_why_the_first_bridge_has_refused_the_token_is_said(tmp_path: Path) -> None:
+    world = Carried(tmp_path)
+    world.bridges.does |= {(300, Word.TOKEN): FAILS, (300, Word.FETCH): told()}
+    world.offer()
+    world.go(OFFER_S + 3.0)
+    (closing,) = world.facts(RunClosing)
+    assert closing.reason == "nothing was begun, as its bridges say; c0 was to take the token: its disk fails"
+    assert set(ends(world)) == {"aborted"}
+
+
+@pytest.mark.parametrize("first", [UNKNOWN, told()], ids=["unknown", "known"])
+@pytest.mark.parametrize("other", [UNKNOWN, told()], ids=["unknown", "known"])
+def test_it_is_not_said_that_nothing_was_begun_where_the_first_bridge_knows_nothing_any_more(
+    tmp_path: Path, first: RequestOutcome, other: RequestOutcome
+) -> None:
+    """It may have left the run out after an update, or have lost its file."""
+    killed(tmp_path)
+    world = again(tmp_path, {300: first, 301: UNKNOWN, 302: other})
+    world.go(2.0)
+    (closing,) = world.facts(RunClosing)
+    assert closing.reason == {
+        (True, True): "no bridge knows the run any more; see what its robots do",
+        (True, False): "c0 does not know the run, and no other bridge has begun it; see what its robots do",
+    }.get((first is UNKNOWN, other is UNKNOWN), "nothing was begun, as its bridges say")

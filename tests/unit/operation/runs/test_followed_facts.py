@@ -15,7 +15,7 @@ from ua_fleet.carrying import SegmentRound, parts_of, split
 from ua_fleet.carrying.adoption import adopted_places, begun_slots, needed_places
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.operation.runs.carried_adoption import plan_view
-from ua_fleet.operation.runs.followed_facts import FORGOTTEN_EACH, KEPT_TASKS, FollowedFacts
+from ua_fleet.operation.runs.followed_facts import FORGOTTEN_EACH, KEPT_FACTS, KEPT_TASKS, FollowedFacts
 from ua_fleet.operation.runs.records import RunRecord, TaskRecord
 from ua_fleet.pubsub.carry_action import Word
 from ua_fleet.scenario.facts import (
@@ -283,3 +283,59 @@ def test_an_adoption_is_told_the_same_of_the_rounds_that_are_not_over(tmp_path: 
         assert told(left, gone, heir)
         rounds = [number for place in told(left, gone, heir) for number in SegmentRound.parse(place).rounds]
         assert all(number > 990 for number in rounds), "of those before, the tokens of others prove that they are over"
+
+
+def of_waits(first: int, rounds: int) -> Iterable[Fact]:
+    """What a bridge tells of rounds in which it does no task: `repeat: [{wait: 0.05}]` with `while`."""
+    for number in range(first, first + rounds):
+        at, step = number * 0.05, f"0.repeat.0@{number}"
+        yield IterationStarted(at, "0", number)
+        yield StepStarted(at, step)
+        yield StepEnded(at + 0.05, step, StepState.DONE)
+
+
+@pytest.mark.parametrize("each", [0, 1000], ids=["without a task", "with a task now and then"])
+def test_what_is_known_of_rounds_that_have_hardly_a_task_is_bounded(each: int) -> None:
+    def happened(first: int, rounds: int) -> Iterable[Fact]:
+        for number in range(first, first + rounds):
+            yield from of_waits(number, 1)
+            if each and number % each == 0:
+                yield from task(number, KEYS[1], number * 0.05, "rare", results=float(number))
+
+    known, most, there = FollowedFacts(), 0, dict[str, Fact]()
+    for fact in happened(0, 6000):
+        assert known.take(fact), "it is new"
+        there[encode_fact(fact)] = fact
+        for line in known.forget():
+            del there[line]
+        most = max(most, len(known))
+    assert most <= KEPT_FACTS + FORGOTTEN_EACH + 100
+    assert len(there) == len(known)
+    state = state_of(there.values())
+    assert state.iterations["0"] == 5999
+    if each:
+        assert [one.step for one in there.values() if isinstance(one, TaskAssigned)] == [
+            f"{KEYS[1]}@{number}" for number in range(0, 6000, each)
+        ], "the tasks that people see"
+        assert state.results["rare"] == {"out": 5000.0}
+    once_more = FollowedFacts(there.values())
+    assert not [fact for fact in happened(0, 3000) if once_more.take(fact)], "what was forgotten is not taken"
+    assert all(once_more.take(fact) for fact in of_waits(6000, 100))
+
+
+def test_the_work_for_a_fact_does_not_grow_with_the_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Counted, as time depends on what else the machine does: the facts that are looked through each time."""
+    looked: list[int] = []
+    look_back = FollowedFacts._look_back
+
+    def counted(known: FollowedFacts) -> None:
+        looked.append(len(known))
+        look_back(known)
+
+    monkeypatch.setattr(FollowedFacts, "_look_back", counted)
+    known = FollowedFacts()
+    for fact in of_waits(0, 8000):
+        known.take(fact)
+        known.forget()
+    assert len(looked) > 40
+    assert max(looked) <= KEPT_FACTS + FORGOTTEN_EACH + 100

@@ -1,0 +1,128 @@
+"""A server that is started again after an adoption which all bridges know, or while they are told of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.unit.operation.runs.test_carried import AWAY_S, Carried, page
+from ua_fleet.errors import ScenarioError
+from ua_fleet.pubsub.carry_action import Word
+from ua_fleet.scenario.facts import (
+    AdoptionTold,
+    RunAdopted,
+    RunEnded,
+    RunOutcome,
+    StepEnded,
+    StepState,
+    decode_fact,
+    encode_fact,
+)
+
+
+def adopted(folder: Path, *, is_told: bool = True) -> str:
+    """A server of four bridges that ends when all know that c1 is off, or before its heir does: the run."""
+    world = Carried(folder, 4)
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.go(AWAY_S + 10)
+    if not is_told:
+        world.bridges.does |= {(space, Word.ADOPT): None for space in (300, 302, 303)}
+    assert world.carried.adopt(run_id, "c1", (), "anna") == "c0"
+    world.go(3.0)
+    assert len(world.facts(AdoptionTold)) == is_told
+    world.journal.close()
+    return run_id
+
+
+def again(folder: Path) -> Carried:
+    """The next server, in whose file c3 is no more, and whose other bridges say that all is done."""
+    world = Carried(folder, 3)
+    world.bridges.off.add(301)
+    return world
+
+
+def test_an_adoption_that_all_know_is_not_told_once_more(tmp_path: Path) -> None:
+    run_id = adopted(tmp_path)
+    world = again(tmp_path)
+    asked = world.asked(6.0)
+    assert not [space for space, word in asked if word is Word.ADOPT]
+    assert {(300, Word.FETCH), (302, Word.FETCH)} <= set(asked), "it is followed"
+    world.carried.pause(run_id, "anna")
+    world.carried.resume(run_id, "anna")
+    world.go(AWAY_S)
+    assert world.carried.adopt(run_id, "space 303", (), "anna") == "c0", "the next one"
+    world.go(1.0)
+    assert [fact.also for fact in world.facts(RunAdopted)] == [()]
+    world.bridges.does |= {(space, Word.FETCH): page(closed="done") for space in (300, 302)}
+    world.go(6.0)
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.DONE]
+    assert not world.mistakes.count, world.mistakes.text()
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_a_run_that_is_over_ends_though_a_bridge_that_has_to_know_of_an_adoption_has_left_the_file(
+    tmp_path: Path, is_told: bool
+) -> None:
+    """Also one whose adoption was all known to a server that did not write that down."""
+    run_id = adopted(tmp_path, is_told=is_told)
+    world = again(tmp_path)
+    fact = encode_fact(StepEnded(60.0, "2", StepState.DONE))
+    world.bridges.does |= {(300, Word.FETCH): page(closed="done"), (302, Word.FETCH): page(fact, closed="done")}
+    world.go(AWAY_S)
+    (ended,) = world.facts(RunEnded)
+    assert ended.outcome is RunOutcome.DONE
+    assert len(world.facts(StepEnded)) == 1, "what was fetched meanwhile is shown"
+    assert not world.carried.has(run_id)
+    assert not world.mistakes.count, world.mistakes.text()
+
+
+def test_only_the_heir_of_an_adoption_that_waits_may_know_that_the_run_is_over(tmp_path: Path) -> None:
+    adopted(tmp_path, is_told=False)
+    world = again(tmp_path)
+    world.bridges.off.add(302)
+    world.go(1.0)
+    assert "c0: it goes on once all others know which bridge is off" in world.reason()
+    world.go(6.0)
+    assert "c0: it goes on once all others know which bridge is off" in world.reason(), "though it has answered"
+    world.bridges.does[300, Word.FETCH] = page(closed="done")
+    world.go(6.0)
+    world.bridges.off.discard(302)
+    world.bridges.does[302, Word.FETCH] = page(closed="done")
+    world.go(6.0)
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.DONE]
+
+
+def test_a_heir_that_is_asked_meanwhile_is_told_as_soon_as_all_others_know(tmp_path: Path) -> None:
+    adopted(tmp_path, is_told=False)
+    world = Carried(tmp_path, 4)
+    world.bridges.off.add(301)
+    world.bridges.does |= {(303, Word.ADOPT): None, (300, Word.FETCH): None}
+    world.go(1.0)
+    world.bridges.does.pop((303, Word.ADOPT))
+    world.go(1.0)
+    assert (300, Word.ADOPT) not in world.bridges.asked, "one question after the other"
+    world.bridges.does.clear()
+    assert (300, Word.ADOPT) in world.asked(0.5)
+
+
+def test_an_adoption_that_waits_for_a_bridge_which_has_left_the_file_goes_on_without_both_or_is_aborted(
+    tmp_path: Path,
+) -> None:
+    run_id = adopted(tmp_path, is_told=False)
+    world = again(tmp_path)
+    world.go(AWAY_S + 1)
+    with pytest.raises(ScenarioError, match="is adopting"):
+        world.carried.pause(run_id, "anna")
+    assert f"ua-fleet scenario adopt {run_id} 'space 303' --off" in world.reason()
+    assert world.carried.adopt(run_id, "space 303", (), "anna") == "c0"
+    world.go(1.0)
+    assert len(world.facts(AdoptionTold)) == 1
+    world.carried.abort(run_id, "", "anna")
+    world.go(1.0)
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.ABORTED]
+
+
+def test_that_all_know_of_an_adoption_is_read_again() -> None:
+    assert decode_fact(encode_fact(AdoptionTold(7.0))) == AdoptionTold(7.0)

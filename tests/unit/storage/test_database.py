@@ -310,8 +310,11 @@ def test_a_disk_that_cannot_be_synced_is_told_of_at_the_start(tmp_path: Path, mo
 
 def test_the_last_of_a_disk_is_for_what_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     there = os.statvfs(tmp_path)
-    nearly_full = os.statvfs_result([*there[:4], 20_000_000 // there.f_frsize, *there[5:]])
-    monkeypatch.setattr(os, "fstatvfs", lambda _log: nearly_full)
+
+    def nearly_full(_log: int) -> os.statvfs_result:
+        return os.statvfs_result([*there[:4], 20_000_000 // there.f_frsize, *there[5:]])
+
+    monkeypatch.setattr(os, "fstatvfs", nearly_full)
     database = Database(tmp_path / "journal.db", version=3, schema=SCHEMA, is_prompt=True)
     assert Path(f"{database.path}-wal").stat().st_size < 1_000_000
     put_long(database, 0, 10)

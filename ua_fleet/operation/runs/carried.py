@@ -273,7 +273,7 @@ class CarriedRuns:
             ScenarioError: the bridge has answered a moment ago, or no other one can go on.
         """
         run = self._runs[run_id]
-        if run.phase is CarriedPhase.CLOSING:
+        if run.needs_nobody:
             self._end_without(run, bridge, by)
             return ""
         self._service.note(run_id, sorted(run.fetched, key=lambda fact: fact.at))
@@ -605,7 +605,8 @@ class CarriedRuns:
                 if names := " and ".join([self._names[space] for space in spaces]):
                     said = f"{said and f'{said}; '}{names} did not know it: {why}"
             there = {space: asked for space, asked in run.late.items() if space in self._names}
-            self._late[run.run_id] = replace(run, bridges=there, until=self._clock() + self._follow_s)
+            late = replace(run, bridges=there, phase=CarriedPhase.CLOSING, until=self._clock() + self._follow_s)
+            self._late[run.run_id] = late
         self._questions.end(run.run_id)
         self._service.note(run.run_id, [*removed, RunEnded(at, ended, said)])
         del self._runs[run.run_id]

@@ -206,17 +206,19 @@ class Adoptions:
 
     def offer(self, run: FollowedRun, space: int) -> str:
         """What a person can do about a bridge that has not answered for long; empty while there is nothing."""
-        if not self.can_leave_out(run, space):
-            return ""
         silent, name = f", nor has it answered for {self._after_s:g} s", self._names[space]
         abort = f"ua-fleet scenario abort {run.run_id}"
+        if self._is_silent(run, space) and self._is_lost(run):
+            return f"{silent}, and another one has waited for the run for too long: abort it: {abort}"
+        if not self.can_leave_out(run, space):
+            return ""
         if run.phase is CarriedPhase.ADOPTING and run.adopting is not None:
             gone = " and ".join([self._names[one] for one in run.adopting.gone])
             return (
                 f"{silent}; the run goes on without {gone} once {name} knows it: start {name}, or abort it: {abort}; if"
                 f" it is off for good too: ua-fleet scenario adopt {run.run_id} {name} --off"
             )
-        if run.phase is CarriedPhase.CLOSING:
+        if run.needs_nobody:
             leave = f"ua-fleet scenario adopt {run.run_id} {name} --off"
             return f"{silent}; if it is off for good, have the run end without it: {leave}"
         return (
@@ -231,8 +233,13 @@ class Adoptions:
         if space not in run.bridges:
             return bool(run.bridges) and run.phase is not CarriedPhase.ASKING
         if run.phase is CarriedPhase.FOLLOWING:
-            return len(run.bridges) > 1
+            return len(run.bridges) > 1 and not self._is_lost(run)
         return not run.bridges[space].is_done and (run.phase is CarriedPhase.CLOSING or run.adopting is not None)
+
+    @staticmethod
+    def _is_lost(run: FollowedRun) -> bool:
+        """Whether a bridge has given the run up, whose robots are free for others: nobody goes on with it."""
+        return run.phase is CarriedPhase.FOLLOWING and run.closed is not None and not run.needs_nobody
 
     def removed(self, run: FollowedRun) -> list[int]:
         """The bridges of a run that are not in fleet.yaml any more, and that it does not end without already."""

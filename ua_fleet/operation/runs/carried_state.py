@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
+from ua_fleet.carrying.held import LOST
 from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.operation.runs.carried_begun import Beginning
 from ua_fleet.operation.runs.followed_facts import FollowedFacts
@@ -115,3 +116,9 @@ class FollowedRun:
     """Facts that are in the journal already, or are about to be."""
     shown: str = ""
     bridges_shown: Mapping[int, BridgeTold] = field(default_factory=dict[int, BridgeTold])
+
+    @property
+    def needs_nobody(self) -> bool:
+        """Whether it ends without a bridge that is off: another one has said how it has ended, or it is being ended."""
+        is_over = self.phase is CarriedPhase.FOLLOWING and self.closed is not None and self.closed[1] != LOST
+        return is_over or self.phase is CarriedPhase.CLOSING

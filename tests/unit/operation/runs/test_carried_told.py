@@ -124,5 +124,36 @@ def test_an_adoption_that_waits_for_a_bridge_which_has_left_the_file_goes_on_wit
     assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.ABORTED]
 
 
+@pytest.mark.parametrize("outcome", [RunOutcome.DONE, RunOutcome.FAILED])
+def test_a_run_that_is_over_ends_without_a_bridge_that_is_off_for_good(tmp_path: Path, outcome: RunOutcome) -> None:
+    world = Carried(tmp_path, 3)
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.bridges.does |= {(space, Word.FETCH): page(closed=outcome.value) for space in (300, 302)}
+    world.go(AWAY_S + 10)
+    assert "c1 --off" in world.reason()
+    assert "have the run end without it" in world.reason()
+    assert world.carried.adopt(run_id, "c1", (), "anna") == "", "nobody goes on"
+    world.go(6.0)
+    (ended,) = world.facts(RunEnded)
+    assert (ended.outcome, "c1 did not know it" in ended.reason) == (outcome, True)
+    assert not world.mistakes.count, world.mistakes.text()
+    world.bridges.off.discard(301)
+    assert (301, Word.END) in world.asked(30.0), "it is told when it is there"
+
+
+def test_a_run_for_which_one_bridge_has_waited_too_long_can_be_aborted_alone(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 3)
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.bridges.does[302, Word.FETCH] = page(closed="lost")
+    world.go(AWAY_S + 10)
+    assert "--off" not in world.reason()
+    assert f"abort it: ua-fleet scenario abort {run_id}" in world.reason()
+    with pytest.raises(ScenarioError):
+        world.carried.adopt(run_id, "c1", (), "anna")
+    assert not world.facts(RunEnded)
+
+
 def test_that_all_know_of_an_adoption_is_read_again() -> None:
     assert decode_fact(encode_fact(AdoptionTold(7.0))) == AdoptionTold(7.0)

@@ -189,7 +189,16 @@ _BLOCK = 32
 """Ports that one process gives to its tests, and no other process of tests while it runs."""
 _blocks: list[tuple[socket.socket, Iterator[int]]] = []
 """The last one has ports left. A server may begin to listen, or begin again, long after its port was given out."""
-os.register_at_fork(after_in_child=_blocks.clear)
+
+
+def _leave_blocks() -> None:
+    """A process that was forked off has ports of its own: the locks are still its parent's."""
+    for lock, _ in _blocks:
+        lock.close()
+    _blocks.clear()
+
+
+os.register_at_fork(after_in_child=_leave_blocks)
 
 
 def free_tcp_port() -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 from datetime import UTC, datetime
 from typing import Any
@@ -54,7 +55,8 @@ class PageSocket:
         self._wanted: dict[str, _Want] = {}
         self._open: dict[str, tuple[FleetLink, RunningFeed]] = {}
         self._links: dict[str, FleetLink] = {}
-        self._is_over = False
+        self._over = asyncio.Event()
+        """Set once its session has ended."""
         self._messages = Attempts(int(4 * limits.messages_per_s) + 1, 1 / limits.messages_per_s)
 
     async def run(self) -> None:
@@ -66,6 +68,7 @@ class PageSocket:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._read())
                 group.create_task(self._send())
+                group.create_task(self._until_over())
         except* Closed as ended:
             first_one = ended.exceptions[0]
             if isinstance(first_one, Closed):
@@ -149,12 +152,12 @@ class PageSocket:
 
     def _session_changed(self, session: BrowserSession) -> None:
         if session is self._session:
-            self._is_over = not session.logins
             self._follow_links()
             for name, want in list(self._wanted.items()):
                 if name not in self._open or self._open[name][0] is not self._session.logins.get(want.fleet):
                     self._want(name)
-            self._waiting.set()
+            if not session.logins:
+                self._over.set()
 
     def _follow_links(self) -> None:
         now = dict(self._session.logins)
@@ -173,10 +176,17 @@ class PageSocket:
     def _link_changed(self, link: FleetLink) -> None:
         self._outbox.link(link.fleet, link.shown)
 
+    async def _until_over(self) -> None:
+        """End it with its session, even while what is sent waits for a page that takes nothing."""
+        sessions = self._people.sessions
+        while not sessions.is_over(self._session, now := time.monotonic()):
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(sessions.ends_s(self._session) - now):
+                    await self._over.wait()
+        raise Closed(CLOSE_LOGGED_OUT, "logged out")
+
     async def _send(self) -> None:
         while True:
-            if self._is_over or self._people.sessions.is_over(self._session, time.monotonic()):
-                raise Closed(CLOSE_LOGGED_OUT, "logged out")
             self._waiting.clear()
             text = self._outbox.next(time.monotonic(), shown_time(datetime.now(UTC)) or "")
             if text is not None:

@@ -6,12 +6,14 @@ import asyncio
 import contextlib
 import json
 import socket
+from collections import Counter
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from uvicorn._types import ASGISendEvent
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.frames import Frame, Opcode
 
@@ -169,14 +171,17 @@ async def test_a_page_that_takes_nothing_is_given_up(
         monkeypatch.setattr("ua_fleet.console.connections.PONG_S", 1.0)
     else:
         monkeypatch.setattr("ua_fleet.console.connections.CLOSED_S", 0.5)
-    stuck = asyncio.Event()
-    pause = WebSocketsSansIOProtocol.pause_writing
+    said = WebSocketsSansIOProtocol.send
+    waiting: Counter[int] = Counter()
+    """How many messages wait to be sent, by the port of whoever is to have them."""
 
-    def paused(self: WebSocketsSansIOProtocol) -> None:
-        pause(self)
-        stuck.set()
+    async def sent(self: WebSocketsSansIOProtocol, message: ASGISendEvent) -> None:
+        port = int(self.transport.get_extra_info("peername")[1])
+        waiting[port] += 1
+        await said(self, message)
+        waiting[port] -= 1
 
-    monkeypatch.setattr(WebSocketsSansIOProtocol, "pause_writing", paused)
+    monkeypatch.setattr(WebSocketsSansIOProtocol, "send", sent)
     async with (
         console_at(tmp_path, {"hall": server.url}) as console,
         console.logged_in() as browser,
@@ -190,12 +195,12 @@ async def test_a_page_that_takes_nothing_is_given_up(
         await loop.sock_sendall(made, upgrade(console, browser.cookie))
         assert b" 101 " in await loop.sock_recv(made, 1024)
         await loop.sock_sendall(made, masked({"csrf": browser.csrf}))
-        await loop.sock_sendall(made, masked({"want": {"large": LARGE}}))
-        for number in range(1, 10):
-            await loop.sock_sendall(made, masked({"seen": number}))
+        for number in range(10):
+            await loop.sock_sendall(made, masked({"want": {f"large-{number}": LARGE}, "seen": number}))
             await asyncio.sleep(0.1)
-        async with asyncio.timeout(10):
-            await stuck.wait()
+        async with asyncio.timeout(20):
+            while not waiting[made.getsockname()[1]]:
+                await asyncio.sleep(0.05)
         if what == "a logout":
             await browser.http.post("api/logout", json={}, headers={"x-csrf": browser.csrf})
 

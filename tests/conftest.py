@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import signal
 import sys
@@ -75,6 +76,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     from tests.schedule import KindScheduling
 
     return KindScheduling(config, log) if config.getoption("dist") == "loadfile" else None
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """In a process that runs tests garbage collection looks at none of the 16,000 and their modules."""
+    if hasattr(session.config, "workerinput"):
+        gc.freeze()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -2,8 +2,9 @@
 
 asyncua computes for a second to make the 6,000 nodes of the standard, 0.2 s to make those of a nodeset, and the garbage
 collection that the server asks for before takes up to half a second more, since a process of tests holds much. Here
-servers get copies of nodes that were made once, and nothing is collected while they start; while they run, collections
-do not look at their nodes, which go with the next start. Those that make a key have the same. What is a server's own is
+servers get copies of nodes that were made once, and nothing is collected while they start. No collection looks at what
+was there then but each twentieth start: to look at the modules of all tests takes 0.4 s. The nodes of a server that has
+ended go with the next start. Those that make a key have the same. What is a server's own is
 made as ever: its certificate and its nodes.
 A process that is forked off one that has made them (`forking`) has them for its first server without a copy.
 """
@@ -27,6 +28,7 @@ from asyncua.server.server import Server
 from asyncua.ua.attribute_ids import AttributeIds
 from cryptography.hazmat.primitives.asymmetric import rsa
 
+from ua_fleet.endpoint import hardened_server
 from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.standard_nodes import share_attributes
 from ua_fleet.nodes.nodeset import load_types
@@ -35,6 +37,7 @@ __all__ = ["make_for_one", "quick_start"]
 
 _internal_server: Final[Any] = InternalServer
 _server: Final[Any] = Server
+_hardened: Final[Any] = hardened_server
 _rsa: Final[Any] = rsa
 _load: Final = _internal_server.load_standard_address_space
 _OWN: Final = (
@@ -50,7 +53,8 @@ _for_one: list[dict[Any, Any]] = []
 _starts: Final = count(1)
 _COLLECTS_EACH: Final = 20
 """Starts after which is looked for what ended servers have left in cycles; most of it, their nodes, is gone before."""
-_running: Final[weakref.WeakSet[Any]] = weakref.WeakSet()
+_slow: Final[weakref.WeakSet[Any]] = weakref.WeakSet()
+"""Those that have started as ever, and end so."""
 _ended: list[weakref.ref[Any]] = []
 """Address spaces of servers that have ended since the last start."""
 _starting: list[object] = []
@@ -119,6 +123,7 @@ async def _load_standard_address_space(server: Any, shelf_file: Path | None = No
     if _for_one:
         server.aspace._nodes = _for_one.pop()
     elif not _starting:
+        _slow.add(server)
         await _load(server, shelf_file)
     elif not _standard:
         await _load(server, shelf_file)
@@ -128,22 +133,21 @@ async def _load_standard_address_space(server: Any, shelf_file: Path | None = No
 
 
 _internal_server.load_standard_address_space = _load_standard_address_space
-_start: Final = _internal_server.start
 _stop: Final = _internal_server.stop
-
-
-async def _start_and_tell(server: Any) -> None:
-    _running.add(server)
-    await _start(server)
+_release: Final = _hardened.release_collection
 
 
 async def _stop_and_tell(server: Any) -> None:
     await _stop(server)
-    _running.discard(server)
     _ended.append(weakref.ref(server.aspace))
+    _hardened.release_collection = _release if server in _slow else _release_later
 
 
-_internal_server.start, _internal_server.stop = _start_and_tell, _stop_and_tell
+def _release_later() -> None:
+    """It is one of `_COLLECTS_EACH`."""
+
+
+_internal_server.stop = _stop_and_tell
 _import: Final = _server.import_xml
 
 
@@ -200,6 +204,7 @@ def quick_start() -> Generator[None]:
         if (space := _ended.pop()()) is not None:
             space._nodes = {}
     if was_on and next(_starts) % _COLLECTS_EACH == 0:
+        gc.unfreeze()
         gc.collect()
     gc.disable()
     _starting.append(start)
@@ -208,6 +213,5 @@ def quick_start() -> Generator[None]:
     finally:
         _starting.remove(start)
         if was_on:
-            if _running:
-                gc.freeze()  # until the server's end releases it; else each collection looks at all these nodes
+            gc.freeze()
             gc.enable()

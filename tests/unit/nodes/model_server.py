@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import gc
 import importlib
 from collections.abc import AsyncGenerator, Mapping
 from contextlib import asynccontextmanager
@@ -49,7 +48,6 @@ async def types_loaded() -> AsyncGenerator[Any]:
     finally:
         space._nodes = nodes
         objects[:] = before
-        gc.unfreeze()
 
 
 @asynccontextmanager

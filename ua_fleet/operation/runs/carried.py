@@ -219,7 +219,7 @@ class CarriedRuns:
         created = RunCreated(now, run_id, scenario.text, parameters, by)
         content = [run.parts[space].hex() for space in plan.spaces]
         carried = RunCarried(now, plan.spaces, plan_hash.hex(), content, run.first)
-        self._service.note_first(run_id, [created, carried])
+        self._service.note_now(run_id, [created, carried])
         self._runs[run_id] = run
         self._hold(run)
         self._log.info("carried run started", run_id=run_id, scenario=scenario.name, by=by)
@@ -231,7 +231,7 @@ class CarriedRuns:
         return run_id in self._runs
 
     def abort(self, run_id: str, reason: str, by: str) -> None:
-        """End a run; every bridge is told until it has acknowledged. Raises StorageUnavailable."""
+        """End a run; every bridge is told until it has acknowledged. Raises StorageUnavailable, and does not then."""
         run = self._runs[run_id]
         reason = " ".join(reason.split())[:200] or f"aborted by {by}"
         if run.phase is not CarriedPhase.CLOSING:
@@ -242,6 +242,7 @@ class CarriedRuns:
 
         Raises:
             ScenarioError: the run has not begun yet, or is to end.
+            StorageUnavailable: it cannot be written down, and no bridge is told.
         """
         self._want_pause(run_id, by, is_paused=True)
 
@@ -255,7 +256,7 @@ class CarriedRuns:
             raise ScenarioError(f"run {run_id} is {run.phase.value}, and can be paused only while it is under way")
         if run.is_paused != is_paused:
             now = self._wall_s()
-            self._service.note(run_id, [RunPaused(now, by) if is_paused else RunResumed(now, by)])
+            self._service.note_now(run_id, [RunPaused(now, by) if is_paused else RunResumed(now, by)])
             self._pause(run, by, is_paused=is_paused)
             self._sooner()
 
@@ -271,16 +272,19 @@ class CarriedRuns:
 
         Raises:
             ScenarioError: the bridge has answered a moment ago, or no other one can go on.
+            StorageUnavailable: it cannot be written down, or something that was fetched; nothing has changed then.
         """
         run = self._runs[run_id]
         if run.needs_nobody:
             self._end_without(run, bridge, by)
             return ""
-        self._service.note(run_id, sorted(run.fetched, key=lambda fact: fact.at))
-        run.fetched = []
-        run.adopting = self._adoptions.begin(run, bridge, done, by)
-        said = run.adopting.said
-        self._service.note(run_id, [said])
+        fetched, run.fetched = sorted(run.fetched, key=lambda fact: fact.at), []
+        # What is not in the journal yet the heir would not know, and have done once more.
+        self._service.note(run_id, fetched, must_be_written=True)
+        adopting = self._adoptions.begin(run, bridge, done, by)
+        said = adopting.said
+        self._service.note_now(run_id, [said])  # no bridge may know what the next server does not
+        run.adopting = adopting
         self._log.warning("a bridge of a carried run is left out", run_id=run_id, bridge=bridge, by=by)
         for known in (run.bridges, run.late):
             known.pop(said.space, None)
@@ -290,7 +294,7 @@ class CarriedRuns:
 
     def _end_without(self, run: FollowedRun, bridge: str, by: str) -> None:
         space = self._adoptions.silent(run, bridge)
-        self._service.note(run.run_id, [RunAdopted(self._wall_s(), space, 0, (), by)])
+        self._service.note_now(run.run_id, [RunAdopted(self._wall_s(), space, 0, (), by)])
         self._log.warning("a carried run ends without a bridge", run_id=run.run_id, bridge=bridge, by=by)
         run.late[space] = run.bridges.pop(space)
         self._sooner()
@@ -382,7 +386,8 @@ class CarriedRuns:
 
     def _step(self, run: FollowedRun, now: float) -> None:
         """Ask each bridge for what it is to be asked for in this phase, and see whether that is over."""
-        self._end_phase(run, now)
+        with suppress(StorageUnavailable):  # it is tried again, and until then the phase goes on
+            self._end_phase(run, now)
         for space, asked in run.bridges.items():
             if not asked.is_asked and now >= asked.next_at:
                 self._ask_for(run, space, asked, now)
@@ -586,7 +591,7 @@ class CarriedRuns:
     def _close(self, run: FollowedRun, outcome: str, reason: str, *, by: str = "", is_noted: bool = False) -> None:
         now = self._wall_s()
         if not is_noted:
-            self._service.note(run.run_id, [RunClosing(now, _OUTCOMES[outcome], reason, by)])
+            self._service.note_now(run.run_id, [RunClosing(now, _OUTCOMES[outcome], reason, by)])
         run.closed = (now, outcome, reason)
         self._enter(run, CarriedPhase.CLOSING, 0.0)
         self._sooner()

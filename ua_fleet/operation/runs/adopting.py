@@ -23,7 +23,7 @@ from ua_fleet.carrying.token import SegmentRound
 from ua_fleet.carrying.whole_repeats import WholeRepeat
 from ua_fleet.carrying.words import decode_words
 from ua_fleet.scenario import Value
-from ua_fleet.scenario.facts import RunAdopted, decode_fact
+from ua_fleet.scenario.facts import RunAdopted, StepEnded, decode_fact
 from ua_fleet.scenario.model import Task
 from ua_fleet.skill.executions import unpack
 
@@ -60,8 +60,6 @@ class Adopting:
     """The space of the bridge that has each of the segments."""
     repeats: Sequence[WholeRepeat] = ()
     """Those within segments, of whose rounds no token tells."""
-    unsure: frozenset[int] = frozenset()
-    """The spaces of bridges that are off, and may have done more than what was fetched of them."""
     filled: dict[int, tuple[FilledSlot, ...]] = field(default_factory=dict[int, tuple[FilledSlot, ...]])
     """What the others have, by their spaces."""
 
@@ -95,26 +93,34 @@ class Adopting:
         """A repetition of which bridges that are off may have done rounds that nobody has heard of, since no other one
         takes part in them, and no person has named the last one of them; None where there is none.
 
-        Those of bridges that were left out before are known, or were named then.
+        All that a bridge has recorded may have been fetched: while it is silent it may go on, cut off from the server
+        alone. Those of bridges that were left out before are known, or were named then.
         """
         own = begun_places(self.segments, self.facts)
         proved = proved_over(self.segments, (*self.begun, *own))
-        unsure = {number: one for number, one in self.segments.items() if self.homes[number] in self.unsure}
         before = {number: one for number, one in self.segments.items() if self.homes[number] != self.said.space}
         settled = heads_alone(before)
-        for head in heads_alone(unsure):
-            depth, within = len(unsure[head].loops), [one for one in unsure.values() if head in one.loops]
+        for head in heads_alone(self.segments):
+            if head in settled or proved.passed.get(head) == () or self._has_ended(head):
+                continue
+            depth, within = len(self.segments[head].loops), [one for one in self.segments.values() if head in one.loops]
             heard = [place.rounds[:depth] for place in self._heard(within)]
             tasks = [task for one in within for task in one.tasks()]
-            if head not in settled and proved.passed.get(head) != () and not self._is_named(tasks, depth, heard):
+            if not self._is_named(tasks, depth, heard):
                 return self._unknown(within, tasks, heard)
         for repeat in self.repeats:
             number = repeat.segment
-            if number in before or number not in unsure or repeat.is_over or proved.passed.get(number) == ():
+            if number in before or repeat.is_over or proved.passed.get(number) == ():
                 continue
             if not self._is_named(repeat.tasks, repeat.depth, [repeat.heard]):
-                return self._unknown([unsure[number]], repeat.tasks, [repeat.heard])
+                return self._unknown([self.segments[number]], repeat.tasks, [repeat.heard])
         return None
+
+    def _has_ended(self, head: int) -> bool:
+        """Whether facts say that a repetition begins no further round: never where another one may begin it anew."""
+        lines = [line for place, known in self.facts.items() if place.number == head for line in known]
+        is_ended = any(isinstance(decode_fact(line), StepEnded) for line in lines)
+        return is_ended and len(self.segments[head].loops) == 1
 
     def _is_named(self, tasks: Sequence[Task], depth: int, heard: Iterable[tuple[int, ...]]) -> bool:
         """Whether a person has named a last round of a repetition that may be it, as to what was heard."""

@@ -340,7 +340,6 @@ class CarriedRuns:
         if run is None or asked is None:
             return
         asked.is_heard, asked.has_token = True, bool(values[RUN_DATA_HOLDS])
-        asked.news = max(asked.news, values[RUN_DATA_COUNT])
         self._show_waits(run)
         is_new = values[RUN_DATA_COUNT] > asked.told or (values[-1] and not asked.is_complete)
         if is_new and run.phase is CarriedPhase.FOLLOWING:

@@ -112,8 +112,8 @@ class RoundsUnknown(ScenarioError):
         is_one = len(names) == 1
         see = "round they have done last" if is_one else "round of each task they have done last"
         super().__init__(
-            f"{doers} may have done more rounds of {' and '.join(names)} alone: {known}, and the server has not fetched"
-            f" all of the facts; see at the robots which {see}, counted from 0, and name {'it' if is_one else 'each'}:"
+            f"{doers} may have done more rounds of {' and '.join(names)} alone: {known}, and a bridge that is"
+            f" silent may go on; see at the robots which {see}, counted from 0, and name {'it' if is_one else 'each'}:"
             f" ua-fleet scenario adopt {run_id} {shlex.quote(bridge)} --off {last}; where they have done no more:"
             f" {none}"
         )
@@ -158,8 +158,6 @@ class Adoptions:
         made = self._made(run.run_id, facts, said)
         if why := made.why_unclear(done):
             raise DoneUnclear(why)
-        has_more = space not in run.bridges or run.bridges[space].may_have_more
-        made.unsure = (frozenset() if before is None else before.unsure) | ({space} if has_more else frozenset())
         if (unknown := made.unknown_rounds()) is not None:
             doers = " and ".join([self._names[one] for one in unknown.spaces])
             raise RoundsUnknown(run.run_id, bridge, doers, unknown)
@@ -197,12 +195,10 @@ class Adoptions:
         said = facts[numbers[-1]]
         assert isinstance(said, RunAdopted)
         try:
-            made = self._made(run_id, facts[: numbers[-1]], said)
+            return self._made(run_id, facts[: numbers[-1]], said)
         except ScenarioError as error:
             self._log.error("bridges cannot be told that one of them is left out", run_id=run_id, reason=str(error))
             return None
-        made.unsure = frozenset(made.gone)  # whether all of theirs was fetched is not known any more
-        return made
 
     def offer(self, run: FollowedRun, space: int) -> str:
         """What a person can do about a bridge that has not answered for long; empty while there is nothing."""

@@ -60,6 +60,8 @@ class Adopting:
     """The space of the bridge that has each of the segments."""
     repeats: Sequence[WholeRepeat] = ()
     """Those within segments, of whose rounds no token tells."""
+    heads: Mapping[str, int] = field(default_factory=dict[str, int])
+    """Repetitions whose rounds a bridge begins that is left, and has since the run began: its space, by their keys."""
     filled: dict[int, tuple[FilledSlot, ...]] = field(default_factory=dict[int, tuple[FilledSlot, ...]])
     """What the others have, by their spaces."""
 
@@ -83,11 +85,19 @@ class Adopting:
             adoption = Adoption(part, self.gone, self.said.by, filled, self.results, facts, self.stand_ins)
         return encode_adoption(adoption, encode_part(part))
 
-    def why_unclear(self, done: Sequence[str]) -> str:
-        """Why what a person says is done cannot be taken; empty where it can."""
+    def why_unclear(self, done: Sequence[str], begun: Mapping[str, tuple[int, ...]]) -> str:
+        """Why what a person says is done cannot be taken; empty where it can.
+
+        The heir of a round that none of the others begins would wait for ever.
+
+        Args:
+            done: what the person says.
+            begun: the newest round of repetitions, by their keys: of those of `heads` of which all was fetched.
+        """
         tasks = [task for one in self.segments.values() for task in one.tasks()]
-        times = times_of(step for one in self.segments.values() for step in one.body.steps)
-        return next((why for name in done if (why := why_unclear(name, tasks, times))), "")
+        every = [one for part in self.parts.values() for one in part.segments.values()]
+        times = times_of(step for one in every for step in one.body.steps)
+        return next((why for name in done if (why := why_unclear(name, tasks, times, begun))), "")
 
     def unknown_rounds(self) -> UnknownRounds | None:
         """A repetition of which bridges that are off may have done rounds that nobody has heard of, since no other one

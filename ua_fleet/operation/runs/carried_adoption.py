@@ -20,7 +20,7 @@ from ua_fleet.carrying.adoption import (
     plan_without_all,
     results_heard,
 )
-from ua_fleet.carrying.named_rounds import NO_ROUND, example_of
+from ua_fleet.carrying.named_rounds import NO_ROUND, example_of, rounds_begun
 from ua_fleet.carrying.part import PartInvalid, decode_part
 from ua_fleet.carrying.whole_plan import plan_of
 from ua_fleet.carrying.whole_repeats import whole_repeats
@@ -35,6 +35,7 @@ from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.runs.values import names_of
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.facts import AdoptionTold, Fact, RunAdopted, RunCarried, RunCreated, encode_fact
+from ua_fleet.scenario.model import BranchPoint
 from ua_fleet.scenario.state import RunState
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import StatusCode
@@ -156,7 +157,9 @@ class Adoptions:
         heir = self._heir(facts, run, (*also, space))
         said = RunAdopted(self._wall_s(), space, heir, (*said_before, *done), by, also)
         made = self._made(run.run_id, facts, said)
-        if why := made.why_unclear(done):
+        fetched = [one for one, asked in run.bridges.items() if asked.is_caught_up and not asked.is_away]
+        begun = rounds_begun(facts)
+        if why := made.why_unclear(done, {key: begun.get(key, ()) for key, at in made.heads.items() if at in fetched}):
             raise DoneUnclear(why)
         if (unknown := made.unknown_rounds()) is not None:
             doers = " and ".join([self._names[one] for one in unknown.spaces])
@@ -370,4 +373,10 @@ class Adoptions:
         results = results_heard(segments, places, results)
         new = parts(plan_without_all(plan, gone, said.heir), epoch + 1)
         repeats = [repeat for one in segments.values() for repeat in whole_repeats(one, facts)]
-        return Adopting(said, new, results, segments, known, begun_slots(own, facts), state.stand_ins, homes, repeats)
+        heads = {
+            point.key: first.segments[one.number].space
+            for one in own
+            if one.body.steps and isinstance(point := one.body.steps[-1], BranchPoint) and point.is_loop
+        }
+        begun = begun_slots(own, facts)
+        return Adopting(said, new, results, segments, known, begun, state.stand_ins, homes, repeats, heads)

@@ -33,6 +33,7 @@ from ua_fleet.values import StatusCode
 
 FIRST = "  - {task: first, skill: work, robot: r0}"
 LAST = "  - {task: last, skill: work, robot: r0}"
+ZERO = "      - {task: zero, skill: work, robot: r0}"
 TASK = "      - {task: one, skill: work, robot: r1}"
 MORE = "      - {task: onemore, skill: work, robot: r1}"
 SELDOM = """      - if: with_others
@@ -170,6 +171,45 @@ def test_a_round_that_is_none_is_refused(world: Carried, body: list[str], name: 
     assert refused.value.ua_status == StatusCode.BAD_INVALID_ARGUMENT
     assert ("one@ROUND" in str(refused.value)) or "the last one of that repeat is 9999" in str(refused.value)
     assert not world.facts(RunAdopted)
+
+
+@pytest.mark.parametrize(("times", "name"), [(3, "one@3"), (10_000, "one@3"), (10_000, "one@41")])
+def test_a_round_that_another_bridge_has_not_begun_is_refused(world: Carried, times: int, name: str) -> None:
+    """The heir would wait for it for ever."""
+    world.bridges.does[300, Word.FETCH] = page(*[encode_fact(IterationStarted(10.0, "1", each)) for each in range(3)])
+    run_id = began(world, repeated(ZERO, TASK, times=times))
+    with pytest.raises(DoneUnclear) as refused:
+        world.carried.adopt(run_id, "c1", (name,), "anna")
+    assert ("the last one of that repeat is 2," if times == 3 else "the last one that has is 2,") in str(refused.value)
+    assert not world.facts(RunAdopted)
+    assert world.carried.adopt(run_id, "c1", ("one@2",), "anna") in ("c0", "c2")
+
+
+def test_no_round_is_done_where_another_bridge_has_begun_none(world: Carried) -> None:
+    run_id = began(world, repeated(ZERO, TASK))
+    with pytest.raises(DoneUnclear, match="that round of the repeat has not begun; none has, as"):
+        world.carried.adopt(run_id, "c1", ("one@0",), "anna")
+
+
+def test_a_round_within_another_one_that_another_bridge_has_not_begun_is_refused(world: Carried) -> None:
+    inner = f"      - repeat:\n    {ZERO}\n    {TASK}\n        times: 9"
+    begun = [("1", 0), ("1.repeat.0@0", 0), ("1.repeat.0@0", 8), ("1", 1), ("1.repeat.0@1", 2)]
+    facts = [encode_fact(IterationStarted(10.0, step, number)) for step, number in begun]
+    world.bridges.does[300, Word.FETCH] = page(*facts)
+    run_id = began(world, repeated(inner))
+    for name in ("one@1@3", "one@2@0"):
+        with pytest.raises(DoneUnclear, match="that round of the repeat has not begun; the last one that has is 1"):
+            world.carried.adopt(run_id, "c1", (name,), "anna")
+    with pytest.raises(DoneUnclear, match="the last one of that repeat is 8"):
+        world.carried.adopt(run_id, "c1", ("one@0@9",), "anna")
+    assert world.carried.adopt(run_id, "c1", ("one@0@8", "one@1@2"), "anna") in ("c0", "c2")
+
+
+def test_a_round_can_be_named_of_which_a_bridge_that_does_not_answer_may_know(world: Carried) -> None:
+    run_id = began(world, repeated(ZERO, TASK, behind=OTHERS))
+    world.bridges.off.add(300)
+    world.go(6.0)
+    assert world.carried.adopt(run_id, "c1", ("one@41",), "anna") == "c2"
 
 
 def test_a_task_outside_a_repetition_and_one_of_another_bridge_have_no_rounds(world: Carried) -> None:

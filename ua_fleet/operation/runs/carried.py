@@ -677,9 +677,10 @@ def _waits_for_others(run: FollowedRun, asked: AskedBridge) -> bool:
 def _late_run(record: RunRecord, names: BridgeNames) -> FollowedRun:
     """A run of the journal that has ended without some bridges: those of fleet.yaml are told when they answer."""
     state, closing = record.state, record.state.closing
-    outcome, reason = ("aborted", "") if closing is None else (closing.outcome.value, closing.reason)
+    ended = RunOutcome.ABORTED if state.outcome is None else state.outcome
+    reason = state.reason if closing is None else closing.reason  # the first one names bridges that are off as well
     bridges = {space: AskedBridge() for space in state.untold if space in names}
-    closed = (record.ended or 0.0, outcome, reason)
+    closed = (record.ended or 0.0, ended.value, reason)
     return FollowedRun(record.run_id, frozenset(), CarriedPhase.CLOSING, bridges, closed=closed)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.unit.operation.runs.test_carried import AWAY_S, Carried, page
+from ua_fleet.carrying.words import decode_words
 from ua_fleet.errors import ScenarioError
 from ua_fleet.pubsub.carry_action import Word
 from ua_fleet.scenario.facts import (
@@ -140,6 +141,25 @@ def test_a_run_that_is_over_ends_without_a_bridge_that_is_off_for_good(tmp_path:
     assert not world.mistakes.count, world.mistakes.text()
     world.bridges.off.discard(301)
     assert (301, Word.END) in world.asked(30.0), "it is told when it is there"
+
+
+@pytest.mark.parametrize("outcome", [RunOutcome.DONE, RunOutcome.FAILED])
+def test_a_server_that_is_started_again_tells_a_bridge_that_was_off_how_bridges_have_ended_the_run(
+    tmp_path: Path, outcome: RunOutcome
+) -> None:
+    world = Carried(tmp_path, 3)
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.bridges.does |= {(space, Word.FETCH): page(closed=outcome.value) for space in (300, 302)}
+    world.go(AWAY_S + 10)
+    world.carried.adopt(run_id, "c1", (), "anna")
+    world.go(6.0)
+    assert world.facts(RunEnded)
+    world.journal.close()
+    last = Carried(tmp_path, 3)
+    last.go(6.0)
+    (told,) = [content for space, word, content in last.bridges.contents if (space, word) == (301, Word.END)]
+    assert decode_words(told)["outcome"] == outcome.value
 
 
 def test_a_run_for_which_one_bridge_has_waited_too_long_can_be_aborted_alone(tmp_path: Path) -> None:

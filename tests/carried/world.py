@@ -53,7 +53,7 @@ from ua_fleet.carrying.effects import Carry, fact_before
 from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
 from ua_fleet.carrying.named_rounds import NO_ROUND
 from ua_fleet.carrying.part import PartSegment
-from ua_fleet.carrying.proof import heads_alone
+from ua_fleet.carrying.proof import heads_alone, needed_slots
 from ua_fleet.carrying.segment_scenario import decode_scenario, segment_scenario, way_taken
 from ua_fleet.carrying.whole_repeats import whole_repeats
 from ua_fleet.errors import ScenarioError, StorageUnavailable
@@ -508,7 +508,8 @@ class Off:
                 self._tell(world.bridges[space], Adoption(part, self.gone, "x"))
         if not self.is_done and self.filled.keys() >= self.parts.keys() - {self.heir}:
             own = begun_places(self.segments, self.facts) if world.has_proof else []
-            filled = (*[one for slots in self.filled.values() for one in slots], *own)
+            others = needed_slots(self.segments, [one for slots in self.filled.values() for one in slots])
+            filled = (*others, *own)
             results = {f"{one.task}.out": one.result for one in world.robots.begun if not one.fails}
             facts = needed_places(self.segments, self.facts, (*filled, *self.begun))
             adoption = Adoption(self.parts[self.heir], self.gone, "x", filled, dict(results), facts)

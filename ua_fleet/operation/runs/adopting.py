@@ -17,8 +17,8 @@ from ua_fleet.carrying.adoption import (
     rounds_said,
 )
 from ua_fleet.carrying.named_rounds import times_of, why_unclear
-from ua_fleet.carrying.part import PartSegment
-from ua_fleet.carrying.proof import heads_alone, proved_over
+from ua_fleet.carrying.part import PartInvalid, PartSegment
+from ua_fleet.carrying.proof import heads_alone, needed_slots, proved_over
 from ua_fleet.carrying.token import SegmentRound
 from ua_fleet.carrying.whole_repeats import WholeRepeat
 from ua_fleet.carrying.words import decode_words
@@ -64,6 +64,8 @@ class Adopting:
     """Repetitions whose rounds a bridge begins that is left, and has since the run began: its space, by their keys."""
     filled: dict[int, tuple[FilledSlot, ...]] = field(default_factory=dict[int, tuple[FilledSlot, ...]])
     """What the others have, by their spaces."""
+    problems: dict[int, str] = field(default_factory=dict[int, str])
+    """Why bridges cannot be told, by their spaces: what the others have is too large."""
 
     @property
     def gone(self) -> tuple[int, ...]:
@@ -74,13 +76,23 @@ class Adopting:
         """Whether a bridge can be told now: the heir is the last one, and gets what the others have."""
         return space != self.said.heir or self.filled.keys() >= self.parts.keys() - {space}
 
+    def told_to(self, space: int) -> bytes | None:
+        """What one bridge is told now; None where it cannot be: it waits for others, or `problems` has the reason."""
+        self.problems.pop(space, None)
+        try:
+            return self.content_for(space) if self.may_be_told(space) else None
+        except PartInvalid as error:
+            self.problems[space] = str(error)
+            return None
+
     def content_for(self, space: int) -> bytes:
         """What one bridge is told; raises PartInvalid where it is too large."""
         part = self.parts[space]
         adoption = Adoption(part, self.gone, self.said.by)
         if space == self.said.heir:
             own = begun_places(self.segments, self.facts, self.results)
-            filled = (*[slot for slots in self.filled.values() for slot in slots], *own)
+            others = needed_slots(self.segments, [slot for slots in self.filled.values() for slot in slots])
+            filled = (*others, *own)
             facts = needed_places(self.segments, self.facts, (*filled, *self.begun))
             adoption = Adoption(part, self.gone, self.said.by, filled, self.results, facts, self.stand_ins)
         return encode_adoption(adoption, encode_part(part))

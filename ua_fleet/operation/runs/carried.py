@@ -462,8 +462,8 @@ class CarriedRuns:
                 word, content = Word.PART, run.parts[space]
             case CarriedPhase.BEGINNING if space == run.first and not asked.is_done:
                 word, content = Word.TOKEN, run.token
-            case CarriedPhase.ADOPTING if run.adopting and run.adopting.may_be_told(space) and asked.may_take:
-                word, content = Word.ADOPT, run.adopting.content_for(space)
+            case CarriedPhase.ADOPTING if run.adopting and asked.may_take and (said := run.adopting.told_to(space)):
+                word, content = Word.ADOPT, said
             case CarriedPhase.CLOSING if not asked.is_done:
                 _, outcome, reason = run.closed or (0.0, "aborted", "")
                 word, content = Word.END, encode_words(run=run.run_id, outcome=outcome, reason=reason[:MOST_REASON])
@@ -475,14 +475,14 @@ class CarriedRuns:
             case _:
                 return
         phase, adopting, is_paused = run.phase, run.adopting, run.is_paused
-        if (has_waited := _waits_for_others(run, asked)) and not asked.is_away:
-            asked.problem = HEIR_WAITS
+        if (waited := _why_untold(run, space)) and not asked.is_away:
+            asked.problem = waited
 
         def told(outcome: RequestOutcome) -> None:
             if word is Word.PAUSE and is_good(outcome):
                 asked.has_pause = is_paused == run.is_paused
             self._answered(run, (phase, adopting), space, word, outcome)
-            if has_waited and not _waits_for_others(run, asked):
+            if waited and not _why_untold(run, space):
                 asked.next_at = 0.0
 
         asked.is_asked = self._ask(space, word, content, told)
@@ -533,7 +533,7 @@ class CarriedRuns:
         if is_good(outcome):
             asked.problem = ""
             if word is Word.FETCH:
-                self._take_page(run, asked, report.result)
+                self._take_page(run, space, asked, report.result)
             elif word is Word.ADOPT and run.adopting is not None:
                 if is_now:
                     run.adopting.take(space, report.result)
@@ -550,7 +550,7 @@ class CarriedRuns:
                 run.until = self._clock()  # what was refused once is refused again
         self._sooner()
 
-    def _take_page(self, run: FollowedRun, asked: AskedBridge, result: bytes) -> None:
+    def _take_page(self, run: FollowedRun, space: int, asked: AskedBridge, result: bytes) -> None:
         """The facts of one bridge, as they happened there."""
         (packed,) = unpack(result)
         words = decode_words(zlib.decompressobj().decompress(packed.value, MOST_JSON_BYTES), most=MOST_JSON_BYTES)
@@ -572,7 +572,7 @@ class CarriedRuns:
         # One that does not know yet that the run is over may have had a token since, and begun something.
         asked.is_complete = has_all and not words["active"] and words["closed"] is not None
         asked.has_token = bool(words["holds"])  # of several runs of a bridge its DataSet repeats one alone
-        asked.problem = HEIR_WAITS if _waits_for_others(run, asked) else str(words["waits"])
+        asked.problem = _why_untold(run, space) or str(words["waits"])
         if asked.problem or words["closed"] is not None:
             asked.next_at = self._clock() + CLOSING_S
         # That one has waited too long says less than how another one has ended the run.
@@ -666,12 +666,13 @@ class CarriedRuns:
         return BridgeTold(state, asked.has_token, asked.problem)
 
 
-def _waits_for_others(run: FollowedRun, asked: AskedBridge) -> bool:
-    """Whether a bridge is the heir of an adoption, and is told once all others are."""
+def _why_untold(run: FollowedRun, space: int) -> str:
+    """Why a bridge is not told now which other one is off; empty where it is, or nothing is to be told."""
     if run.phase is not CarriedPhase.ADOPTING or run.adopting is None:
-        return False
-    heir = run.adopting.said.heir
-    return run.bridges.get(heir) is asked and not run.adopting.may_be_told(heir)
+        return ""
+    if problem := run.adopting.problems.get(space):
+        return f"{problem}; the run cannot go on, abort it: ua-fleet scenario abort {run.run_id}"
+    return "" if run.adopting.may_be_told(space) else HEIR_WAITS
 
 
 def _late_run(record: RunRecord, names: BridgeNames) -> FollowedRun:

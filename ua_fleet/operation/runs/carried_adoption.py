@@ -164,7 +164,8 @@ class Adoptions:
         if (unknown := made.unknown_rounds()) is not None:
             doers = " and ".join([self._names[one] for one in unknown.spaces])
             raise RoundsUnknown(run.run_id, bridge, doers, unknown)
-        made.content_for(heir)  # refuses what is too large, before anything is written down
+        for one in made.parts:
+            made.content_for(one)  # refuses what is too large, before anything is written down
         return made
 
     def silent(self, run: FollowedRun, bridge: str, *, is_possible: bool = True) -> int:

@@ -17,6 +17,7 @@ from ua_fleet.carrying.part import PartSegment, Road, decode_part
 from ua_fleet.carrying.plan import Segment
 from ua_fleet.carrying.whole_plan import plan_of
 from ua_fleet.carrying.whole_repeats import InnerRounds
+from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.scenario.effects import StartTask
 from ua_fleet.scenario.facts import Fact
 
@@ -59,6 +60,13 @@ def test_every_run_ends_as_it_would_orchestrated_and_nothing_is_done_twice(seeds
 def test_rounds_that_a_bridge_has_done_alone_before_it_was_off_are_not_done_again() -> None:
     found = {seed: problems for seed in range(WRONG) if (problems := judged(seed, is_alone=True))}
     assert not found, found
+
+
+def test_people_are_asked_for_rounds_that_a_bridge_may_have_done_alone() -> None:
+    worlds = [world for seed in range(20) if not (world := World(seed, is_alone=True)).problems]
+    for world in worlds:
+        world.run()
+    assert sum(world.asked > 0 for world in worlds) >= 3
 
 
 def test_worlds_are_bad_and_scenarios_are_of_all_kinds() -> None:
@@ -135,6 +143,15 @@ def test_an_adoption_that_begins_no_round_that_a_person_names_within_a_segment_i
         return []
 
     monkeypatch.setattr(InnerRounds, "begin", nothing)
+    assert is_found(is_alone=True)
+
+
+def test_a_server_that_does_not_ask_for_rounds_that_nobody_has_heard_of_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def nothing(_self: Adopting) -> None: ...
+
+    monkeypatch.setattr(Adopting, "unknown_rounds", nothing)
     assert is_found(is_alone=True)
 
 

@@ -51,13 +51,18 @@ from ua_fleet.carrying.adoption import (
 from ua_fleet.carrying.compacting import forgotten_segments, superseded
 from ua_fleet.carrying.effects import Carry, fact_before
 from ua_fleet.carrying.facts import CarryFact, decode_carry_fact, encode_carry_fact
+from ua_fleet.carrying.named_rounds import NO_ROUND
 from ua_fleet.carrying.part import PartSegment
+from ua_fleet.carrying.proof import heads_alone, needed_slots
 from ua_fleet.carrying.segment_scenario import decode_scenario, segment_scenario, way_taken
+from ua_fleet.carrying.whole_repeats import whole_repeats
 from ua_fleet.errors import ScenarioError, StorageUnavailable
+from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.scenario import Run, Scenario, Value, ValueUnknown
 from ua_fleet.scenario.effects import CancelTask, DecisionNeeded, Effect, ReleaseRobot, StartTask, WantRobot
 from ua_fleet.scenario.facts import (
     Fact,
+    RunAdopted,
     RunOutcome,
     TaskOutcome,
     decode_fact,
@@ -463,6 +468,10 @@ class Off:
         self.facts: dict[SegmentRound, tuple[str, ...]] = {}
         self.heard: list[Fact] = []
         """What the server has fetched of those that are left out as one."""
+        self.begun: list[FilledSlot] = []
+        """Tokens that the others have, as far as the server has fetched it."""
+        self.done: list[str] = []
+        """What the person says that robots have done."""
         self.is_superseded = False
         """Whether another one is left out together with this one."""
 
@@ -499,7 +508,8 @@ class Off:
                 self._tell(world.bridges[space], Adoption(part, self.gone, "x"))
         if not self.is_done and self.filled.keys() >= self.parts.keys() - {self.heir}:
             own = begun_places(self.segments, self.facts) if world.has_proof else []
-            filled = (*[one for slots in self.filled.values() for one in slots], *own)
+            others = needed_slots(self.segments, [one for slots in self.filled.values() for one in slots])
+            filled = (*others, *own)
             results = {f"{one.task}.out": one.result for one in world.robots.begun if not one.fails}
             facts = needed_places(self.segments, self.facts, (*filled, *self.begun))
             adoption = Adoption(self.parts[self.heir], self.gone, "x", filled, dict(results), facts)
@@ -524,8 +534,10 @@ class Off:
         adopt_after_s = 0.0 if world.no_epoch else ADOPT_S
         self.parts = parts_of(self.plan, RUN, "made", {}, "x", adopt_after_s=adopt_after_s, epoch=self.epoch)
         self.segments |= parts[self.space].segments
-        self.facts = self._facts(victim)  # the heir of the one before may have begun what was that one's
+        self._fetch(victim)  # the heir of the one before may have begun what was that one's
         self.begun = self._begun(parts)
+        self.done = self._said()
+        self.facts = self._facts(self.done)
 
     def _begun(self, parts: Mapping[int, Part]) -> list[FilledSlot]:
         """What the server has fetched of the others says of their tokens."""
@@ -541,16 +553,48 @@ class Off:
             found += begun_slots(own, fetched[: random.choice((random.randint(0, len(fetched)), len(fetched)))])
         return found
 
-    def _facts(self, victim: Bridge) -> dict[SegmentRound, tuple[str, ...]]:
-        """What the server has fetched before it was off, which may not be all; and what robots have done in truth."""
-        done = [one.step for one in self.world.robots.begun if not one.fails]
-        fetched: list[Fact] = []
-        if self.world.is_brief:
-            done, fetched = _last_rounds(done), self._fetched(victim.space)
+    def _fetch(self, victim: Bridge) -> None:
+        """Know what the server has fetched before it was off, which may not be all."""
+        fetched = self._fetched(victim.space) if self.world.is_brief else []
         for lines in victim.all_segments.values() if not self.world.is_brief else ():
             fetched += [decode_fact(line) for line in lines[: self.random.randint(0, len(lines))]]
         self.heard = list({encode_fact(fact): fact for fact in (*self.heard, *fetched)}.values())
         self.heard.sort(key=lambda fact: fact.at)
+
+    def _said(self) -> list[str]:
+        """What robots have done in truth, as a person says it.
+
+        Some name the last rounds of a repetition only when the server refuses to go on without them.
+        """
+        done = [one.step for one in self.world.robots.begun if not one.fails]
+        if not self.world.is_brief:
+            return done
+        done = _last_rounds(done)
+        if not self.world.is_terse:
+            return done
+        within = [one for head in heads_alone(self.segments) for one in self.segments.values() if head in one.loops]
+        tasks = [task for one in within for task in one.tasks()]
+        tasks += [task for one in self.segments.values() for repeat in whole_repeats(one, ()) for task in repeat.tasks]
+        keys = {task.key for task in tasks}
+        said = [step for step in done if step.partition("@")[0] not in keys]
+        if self.before is not None and self.before.is_superseded:
+            said += self.before.done  # what was said then counts still
+        while (unknown := self._adopting(said).unknown_rounds()) is not None:
+            self.world.asked += 1
+            asked = {task.key for task in unknown.tasks}
+            more = [step for step in done if step.partition("@")[0] in asked and step not in said]
+            said += more or [f"{key}@{NO_ROUND}" for key in asked]
+        return said
+
+    def _adopting(self, done: list[str]) -> Adopting:
+        """What the server would have the bridges told, which knows whether it has to ask for rounds."""
+        said = RunAdopted(self.world.now, self.space, self.heir, done, "x", self.gone[:-1])
+        homes = {number: space for space in self.gone for number in self.first_parts[space].segments}
+        repeats = [repeat for one in self.segments.values() for repeat in whole_repeats(one, self.heard)]
+        return Adopting(said, self.parts, {}, self.segments, self._facts(done), self.begun, {}, homes, repeats)
+
+    def _facts(self, done: list[str]) -> dict[SegmentRound, tuple[str, ...]]:
+        """What was heard, and what the person says."""
         facts: dict[SegmentRound, tuple[str, ...]] = {}
         for segment in self.segments.values():
             for place, said in adopted_places(segment, self.heard, done, self.world.now, "x").items():
@@ -597,6 +641,9 @@ def _last_rounds(steps: list[str]) -> list[str]:
 
 class World:
     """One run, decided by its seed."""
+
+    asked = 0
+    """How often the server has refused to have a bridge left out before people have named rounds."""
 
     def __init__(
         self,
@@ -693,6 +740,11 @@ class World:
             work()
             if self.now > HEALED_S and self.is_over:
                 return
+
+    @property
+    def is_terse(self) -> bool:
+        """Whether people name the last rounds of a repetition that one bridge does alone only when they are asked."""
+        return self.is_brief and Random(f"terse {self.seed}").random() < 0.5
 
     @property
     def is_over(self) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from ua_fleet.carrying.steps import walked
+from ua_fleet.scenario.facts import Fact, IterationStarted
 from ua_fleet.scenario.model import BranchPoint, Repeat, Step, Task
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "example_of",
     "named_rounds",
     "repeats_around",
+    "rounds_begun",
     "rounds_of",
     "times_of",
     "why_unclear",
@@ -76,13 +78,26 @@ def times_of(steps: Iterable[Step]) -> dict[str, int]:
     }
 
 
-def why_unclear(name: str, tasks: Iterable[Task], times: Mapping[str, int]) -> str:
+def rounds_begun(facts: Iterable[Fact]) -> dict[str, tuple[int, ...]]:
+    """The newest round of each repetition of which facts say that it was begun, by its key."""
+    newest: dict[str, tuple[int, ...]] = {}
+    for fact in facts:
+        if isinstance(fact, IterationStarted):
+            key, rounds = fact.step.partition("@")[0], (*rounds_of(fact.step), fact.number)
+            newest[key] = max(rounds, newest.get(key, rounds))
+    return newest
+
+
+def why_unclear(
+    name: str, tasks: Iterable[Task], times: Mapping[str, int], begun: Mapping[str, tuple[int, ...]]
+) -> str:
     """Why what a person says with `--done` cannot be taken; empty where it can, or names no round.
 
     Args:
         name: a task, or its key, with what the person says of its round.
         tasks: those that may be named.
         times: see `times_of`.
+        begun: the newest round of repetitions, by their keys; of those of which all is known. Empty: none was begun.
     """
     named, at, said = name.partition("@")
     if not at:
@@ -104,4 +119,8 @@ def why_unclear(name: str, tasks: Iterable[Task], times: Mapping[str, int]) -> s
     for repeat, number in zip(repeats_around(task.key), rounds, strict=True):
         if number >= (most := times.get(repeat, number + 1)):
             return f"{shown}: there is no round {number}; the last one of that repeat is {most - 1}, counted from 0"
+    for depth, repeat in enumerate(repeats_around(task.key), 1):
+        if rounds[:depth] > (newest := begun.get(repeat, rounds)):
+            last = f"the last one that has is {'@'.join(map(str, newest))}, counted from 0" if newest else "none has"
+            return f"{shown}: that round of the repeat has not begun; {last}, as the bridge says that begins them"
     return ""

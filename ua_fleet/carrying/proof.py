@@ -10,7 +10,7 @@ from ua_fleet.carrying.part import PartSegment, Road
 from ua_fleet.carrying.token import SegmentRound
 from ua_fleet.scenario import Value
 
-__all__ = ["FilledSlot", "Proved", "heads_alone", "proved_over"]
+__all__ = ["FilledSlot", "Proved", "heads_alone", "needed_slots", "proved_over"]
 
 
 class FilledSlot(NamedTuple):
@@ -45,6 +45,19 @@ def proved_over(segments: Mapping[int, PartSegment], filled: Iterable[FilledSlot
     for slot in filled:
         proof.take(slot)
     return proof.proved
+
+
+def needed_slots(segments: Mapping[int, PartSegment], filled: Iterable[FilledSlot]) -> list[FilledSlot]:
+    """Of the tokens that others have, what the heir of segments has to know: what proves some of these to be over, and
+    results that their tokens are made of.
+    """
+    names = {name for one in segments.values() for road in one.roads for name in road.needs}
+    found: list[FilledSlot] = []
+    for slot in filled:
+        values = {name: value for name, value in slot.values.items() if name in names}
+        if values or any(proved_over(segments, [slot])):
+            found.append(slot._replace(values=values))
+    return found
 
 
 def heads_alone(segments: Mapping[int, PartSegment]) -> list[int]:

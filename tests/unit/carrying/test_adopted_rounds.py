@@ -32,7 +32,7 @@ from ua_fleet.carrying.adoption import (
 )
 from ua_fleet.carrying.facts import CarryFact
 from ua_fleet.carrying.part import PartSegment
-from ua_fleet.carrying.proof import heads_alone
+from ua_fleet.carrying.proof import heads_alone, needed_slots
 from ua_fleet.scenario.facts import (
     Fact,
     IterationStarted,
@@ -153,6 +153,30 @@ def test_rounds_of_which_nobody_else_has_a_token_are_sent() -> None:
     filled = [FilledSlot(HEAD, 0, "", {}, (3,), (HEAD,))]
     assert needed_places(behind(301), places, filled).keys() == {str(SegmentRound(TWO, (n,))) for n in (3, 4, 5)}
     assert needed_places(behind(301), places, []).keys() == {str(place) for place in places}
+
+
+def test_of_tokens_of_others_those_are_sent_that_prove_something_and_results_that_are_handed_on() -> None:
+    three = plan(task("one", "a"), task("two", "b"), task("three", "c", arguments={"x": "=one.out"}), task("four", "a"))
+    gone = parts_of(three, "run", "made", {}, "anna")[301].segments
+    assert [road.needs for one in gone.values() for road in one.then] == [("one.out",)]
+    values = {"one.out": 1.0, "two.out": 2.0}
+    filled = [FilledSlot(number, 0, "", values) for number in (0, 2, 3)]
+    handed_on = {"one.out": 1.0}
+    assert needed_slots(gone, filled) == [FilledSlot(number, 0, "", handed_on) for number in (0, 2, 3)]
+    assert needed_slots(gone, [one._replace(values={}) for one in filled]) == [FilledSlot(2, 0, "", {})]
+
+
+def test_what_tokens_of_others_prove_does_not_change_where_the_rest_is_not_sent() -> None:
+    slots = [
+        FilledSlot(number, 0, failed, {"one.out": float(round_number)}, (round_number,) * len(one.loops), one.loops)
+        for number, one in enumerate(LOOP.segments)
+        for round_number in (0, 1, 5)
+        for failed in ("", "it broke")
+    ]
+    for gone in (300, 301, 302):
+        needed = needed_slots(behind(gone), slots)
+        assert len(needed) < len(slots)
+        assert proved_over(behind(gone), needed) == proved_over(behind(gone), slots)
 
 
 def test_what_is_adopted_of_many_rounds_takes_time_in_proportion() -> None:

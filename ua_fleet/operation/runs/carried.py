@@ -219,7 +219,7 @@ class CarriedRuns:
         created = RunCreated(now, run_id, scenario.text, parameters, by)
         content = [run.parts[space].hex() for space in plan.spaces]
         carried = RunCarried(now, plan.spaces, plan_hash.hex(), content, run.first)
-        self._service.note_first(run_id, [created, carried])
+        self._service.note_now(run_id, [created, carried])
         self._runs[run_id] = run
         self._hold(run)
         self._log.info("carried run started", run_id=run_id, scenario=scenario.name, by=by)
@@ -231,7 +231,7 @@ class CarriedRuns:
         return run_id in self._runs
 
     def abort(self, run_id: str, reason: str, by: str) -> None:
-        """End a run; every bridge is told until it has acknowledged. Raises StorageUnavailable."""
+        """End a run; every bridge is told until it has acknowledged. Raises StorageUnavailable, and does not then."""
         run = self._runs[run_id]
         reason = " ".join(reason.split())[:200] or f"aborted by {by}"
         if run.phase is not CarriedPhase.CLOSING:
@@ -242,6 +242,7 @@ class CarriedRuns:
 
         Raises:
             ScenarioError: the run has not begun yet, or is to end.
+            StorageUnavailable: it cannot be written down, and no bridge is told.
         """
         self._want_pause(run_id, by, is_paused=True)
 
@@ -255,7 +256,7 @@ class CarriedRuns:
             raise ScenarioError(f"run {run_id} is {run.phase.value}, and can be paused only while it is under way")
         if run.is_paused != is_paused:
             now = self._wall_s()
-            self._service.note(run_id, [RunPaused(now, by) if is_paused else RunResumed(now, by)])
+            self._service.note_now(run_id, [RunPaused(now, by) if is_paused else RunResumed(now, by)])
             self._pause(run, by, is_paused=is_paused)
             self._sooner()
 
@@ -271,16 +272,19 @@ class CarriedRuns:
 
         Raises:
             ScenarioError: the bridge has answered a moment ago, or no other one can go on.
+            StorageUnavailable: it cannot be written down, or something that was fetched; nothing has changed then.
         """
         run = self._runs[run_id]
         if run.needs_nobody:
             self._end_without(run, bridge, by)
             return ""
-        self._service.note(run_id, sorted(run.fetched, key=lambda fact: fact.at))
-        run.fetched = []
-        run.adopting = self._adoptions.begin(run, bridge, done, by)
-        said = run.adopting.said
-        self._service.note(run_id, [said])
+        fetched, run.fetched = sorted(run.fetched, key=lambda fact: fact.at), []
+        # What is not in the journal yet the heir would not know, and have done once more.
+        self._service.note(run_id, fetched, must_be_written=True)
+        adopting = self._adoptions.begin(run, bridge, done, by)
+        said = adopting.said
+        self._service.note_now(run_id, [said])  # no bridge may know what the next server does not
+        run.adopting = adopting
         self._log.warning("a bridge of a carried run is left out", run_id=run_id, bridge=bridge, by=by)
         for known in (run.bridges, run.late):
             known.pop(said.space, None)
@@ -290,7 +294,7 @@ class CarriedRuns:
 
     def _end_without(self, run: FollowedRun, bridge: str, by: str) -> None:
         space = self._adoptions.silent(run, bridge)
-        self._service.note(run.run_id, [RunAdopted(self._wall_s(), space, 0, (), by)])
+        self._service.note_now(run.run_id, [RunAdopted(self._wall_s(), space, 0, (), by)])
         self._log.warning("a carried run ends without a bridge", run_id=run.run_id, bridge=bridge, by=by)
         run.late[space] = run.bridges.pop(space)
         self._sooner()
@@ -336,7 +340,6 @@ class CarriedRuns:
         if run is None or asked is None:
             return
         asked.is_heard, asked.has_token = True, bool(values[RUN_DATA_HOLDS])
-        asked.news = max(asked.news, values[RUN_DATA_COUNT])
         self._show_waits(run)
         is_new = values[RUN_DATA_COUNT] > asked.told or (values[-1] and not asked.is_complete)
         if is_new and run.phase is CarriedPhase.FOLLOWING:
@@ -382,7 +385,8 @@ class CarriedRuns:
 
     def _step(self, run: FollowedRun, now: float) -> None:
         """Ask each bridge for what it is to be asked for in this phase, and see whether that is over."""
-        self._end_phase(run, now)
+        with suppress(StorageUnavailable):  # it is tried again, and until then the phase goes on
+            self._end_phase(run, now)
         for space, asked in run.bridges.items():
             if not asked.is_asked and now >= asked.next_at:
                 self._ask_for(run, space, asked, now)
@@ -458,8 +462,8 @@ class CarriedRuns:
                 word, content = Word.PART, run.parts[space]
             case CarriedPhase.BEGINNING if space == run.first and not asked.is_done:
                 word, content = Word.TOKEN, run.token
-            case CarriedPhase.ADOPTING if run.adopting and run.adopting.may_be_told(space) and asked.may_take:
-                word, content = Word.ADOPT, run.adopting.content_for(space)
+            case CarriedPhase.ADOPTING if run.adopting and asked.may_take and (said := run.adopting.told_to(space)):
+                word, content = Word.ADOPT, said
             case CarriedPhase.CLOSING if not asked.is_done:
                 _, outcome, reason = run.closed or (0.0, "aborted", "")
                 word, content = Word.END, encode_words(run=run.run_id, outcome=outcome, reason=reason[:MOST_REASON])
@@ -471,14 +475,14 @@ class CarriedRuns:
             case _:
                 return
         phase, adopting, is_paused = run.phase, run.adopting, run.is_paused
-        if (has_waited := _waits_for_others(run, asked)) and not asked.is_away:
-            asked.problem = HEIR_WAITS
+        if (waited := _why_untold(run, space)) and not asked.is_away:
+            asked.problem = waited
 
         def told(outcome: RequestOutcome) -> None:
             if word is Word.PAUSE and is_good(outcome):
                 asked.has_pause = is_paused == run.is_paused
             self._answered(run, (phase, adopting), space, word, outcome)
-            if has_waited and not _waits_for_others(run, asked):
+            if waited and not _why_untold(run, space):
                 asked.next_at = 0.0
 
         asked.is_asked = self._ask(space, word, content, told)
@@ -529,7 +533,7 @@ class CarriedRuns:
         if is_good(outcome):
             asked.problem = ""
             if word is Word.FETCH:
-                self._take_page(run, asked, report.result)
+                self._take_page(run, space, asked, report.result)
             elif word is Word.ADOPT and run.adopting is not None:
                 if is_now:
                     run.adopting.take(space, report.result)
@@ -546,7 +550,7 @@ class CarriedRuns:
                 run.until = self._clock()  # what was refused once is refused again
         self._sooner()
 
-    def _take_page(self, run: FollowedRun, asked: AskedBridge, result: bytes) -> None:
+    def _take_page(self, run: FollowedRun, space: int, asked: AskedBridge, result: bytes) -> None:
         """The facts of one bridge, as they happened there."""
         (packed,) = unpack(result)
         words = decode_words(zlib.decompressobj().decompress(packed.value, MOST_JSON_BYTES), most=MOST_JSON_BYTES)
@@ -568,7 +572,7 @@ class CarriedRuns:
         # One that does not know yet that the run is over may have had a token since, and begun something.
         asked.is_complete = has_all and not words["active"] and words["closed"] is not None
         asked.has_token = bool(words["holds"])  # of several runs of a bridge its DataSet repeats one alone
-        asked.problem = HEIR_WAITS if _waits_for_others(run, asked) else str(words["waits"])
+        asked.problem = _why_untold(run, space) or str(words["waits"])
         if asked.problem or words["closed"] is not None:
             asked.next_at = self._clock() + CLOSING_S
         # That one has waited too long says less than how another one has ended the run.
@@ -586,7 +590,7 @@ class CarriedRuns:
     def _close(self, run: FollowedRun, outcome: str, reason: str, *, by: str = "", is_noted: bool = False) -> None:
         now = self._wall_s()
         if not is_noted:
-            self._service.note(run.run_id, [RunClosing(now, _OUTCOMES[outcome], reason, by)])
+            self._service.note_now(run.run_id, [RunClosing(now, _OUTCOMES[outcome], reason, by)])
         run.closed = (now, outcome, reason)
         self._enter(run, CarriedPhase.CLOSING, 0.0)
         self._sooner()
@@ -662,20 +666,22 @@ class CarriedRuns:
         return BridgeTold(state, asked.has_token, asked.problem)
 
 
-def _waits_for_others(run: FollowedRun, asked: AskedBridge) -> bool:
-    """Whether a bridge is the heir of an adoption, and is told once all others are."""
+def _why_untold(run: FollowedRun, space: int) -> str:
+    """Why a bridge is not told now which other one is off; empty where it is, or nothing is to be told."""
     if run.phase is not CarriedPhase.ADOPTING or run.adopting is None:
-        return False
-    heir = run.adopting.said.heir
-    return run.bridges.get(heir) is asked and not run.adopting.may_be_told(heir)
+        return ""
+    if problem := run.adopting.problems.get(space):
+        return f"{problem}; the run cannot go on, abort it: ua-fleet scenario abort {run.run_id}"
+    return "" if run.adopting.may_be_told(space) else HEIR_WAITS
 
 
 def _late_run(record: RunRecord, names: BridgeNames) -> FollowedRun:
     """A run of the journal that has ended without some bridges: those of fleet.yaml are told when they answer."""
     state, closing = record.state, record.state.closing
-    outcome, reason = ("aborted", "") if closing is None else (closing.outcome.value, closing.reason)
+    ended = RunOutcome.ABORTED if state.outcome is None else state.outcome
+    reason = state.reason if closing is None else closing.reason  # the first one names bridges that are off as well
     bridges = {space: AskedBridge() for space in state.untold if space in names}
-    closed = (record.ended or 0.0, outcome, reason)
+    closed = (record.ended or 0.0, ended.value, reason)
     return FollowedRun(record.run_id, frozenset(), CarriedPhase.CLOSING, bridges, closed=closed)
 
 

@@ -20,7 +20,7 @@ from ua_fleet.carrying.adoption import (
     plan_without_all,
     results_heard,
 )
-from ua_fleet.carrying.named_rounds import NO_ROUND, example_of
+from ua_fleet.carrying.named_rounds import NO_ROUND, example_of, rounds_begun
 from ua_fleet.carrying.part import PartInvalid, decode_part
 from ua_fleet.carrying.whole_plan import plan_of
 from ua_fleet.carrying.whole_repeats import whole_repeats
@@ -35,6 +35,7 @@ from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.runs.values import names_of
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.facts import AdoptionTold, Fact, RunAdopted, RunCarried, RunCreated, encode_fact
+from ua_fleet.scenario.model import BranchPoint
 from ua_fleet.scenario.state import RunState
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import StatusCode
@@ -112,8 +113,8 @@ class RoundsUnknown(ScenarioError):
         is_one = len(names) == 1
         see = "round they have done last" if is_one else "round of each task they have done last"
         super().__init__(
-            f"{doers} may have done more rounds of {' and '.join(names)} alone: {known}, and the server has not fetched"
-            f" all of the facts; see at the robots which {see}, counted from 0, and name {'it' if is_one else 'each'}:"
+            f"{doers} may have done more rounds of {' and '.join(names)} alone: {known}, and a bridge that is"
+            f" silent may go on; see at the robots which {see}, counted from 0, and name {'it' if is_one else 'each'}:"
             f" ua-fleet scenario adopt {run_id} {shlex.quote(bridge)} --off {last}; where they have done no more:"
             f" {none}"
         )
@@ -156,14 +157,15 @@ class Adoptions:
         heir = self._heir(facts, run, (*also, space))
         said = RunAdopted(self._wall_s(), space, heir, (*said_before, *done), by, also)
         made = self._made(run.run_id, facts, said)
-        if why := made.why_unclear(done):
+        fetched = [one for one, asked in run.bridges.items() if asked.is_caught_up and not asked.is_away]
+        begun = rounds_begun(facts)
+        if why := made.why_unclear(done, {key: begun.get(key, ()) for key, at in made.heads.items() if at in fetched}):
             raise DoneUnclear(why)
-        has_more = space not in run.bridges or run.bridges[space].may_have_more
-        made.unsure = (frozenset() if before is None else before.unsure) | ({space} if has_more else frozenset())
         if (unknown := made.unknown_rounds()) is not None:
             doers = " and ".join([self._names[one] for one in unknown.spaces])
             raise RoundsUnknown(run.run_id, bridge, doers, unknown)
-        made.content_for(heir)  # refuses what is too large, before anything is written down
+        for one in made.parts:
+            made.content_for(one)  # refuses what is too large, before anything is written down
         return made
 
     def silent(self, run: FollowedRun, bridge: str, *, is_possible: bool = True) -> int:
@@ -197,12 +199,10 @@ class Adoptions:
         said = facts[numbers[-1]]
         assert isinstance(said, RunAdopted)
         try:
-            made = self._made(run_id, facts[: numbers[-1]], said)
+            return self._made(run_id, facts[: numbers[-1]], said)
         except ScenarioError as error:
             self._log.error("bridges cannot be told that one of them is left out", run_id=run_id, reason=str(error))
             return None
-        made.unsure = frozenset(made.gone)  # whether all of theirs was fetched is not known any more
-        return made
 
     def offer(self, run: FollowedRun, space: int) -> str:
         """What a person can do about a bridge that has not answered for long; empty while there is nothing."""
@@ -374,4 +374,10 @@ class Adoptions:
         results = results_heard(segments, places, results)
         new = parts(plan_without_all(plan, gone, said.heir), epoch + 1)
         repeats = [repeat for one in segments.values() for repeat in whole_repeats(one, facts)]
-        return Adopting(said, new, results, segments, known, begun_slots(own, facts), state.stand_ins, homes, repeats)
+        heads = {
+            point.key: first.segments[one.number].space
+            for one in own
+            if one.body.steps and isinstance(point := one.body.steps[-1], BranchPoint) and point.is_loop
+        }
+        begun = begun_slots(own, facts)
+        return Adopting(said, new, results, segments, known, begun, state.stand_ins, homes, repeats, heads)

@@ -55,8 +55,6 @@ class AskedBridge:
     """The number that the bridge gives the last fact which was fetched."""
     told: int = 0
     """How many facts its DataSet told of when all were fetched that it had."""
-    news: int = 0
-    """How many facts its DataSet has told of, as far as it was heard."""
     is_caught_up: bool = False
     """Whether all was fetched once that it had: what the others say may be put in order with it."""
     has_pause: bool = True
@@ -74,11 +72,6 @@ class AskedBridge:
     def may_take(self) -> bool:
         """Whether it has still to be told in this phase, and has not just refused that."""
         return not self.is_done and not self.has_refused
-
-    @property
-    def may_have_more(self) -> bool:
-        """Whether it may have done more than what was fetched of it."""
-        return not self.is_caught_up or self.news > self.told
 
 
 @dataclass(slots=True)

@@ -151,6 +151,15 @@ class OutputCarrier:
         self._unwritten_facts = [(owner, fact) for owner, fact in self._unwritten_facts if owner != run_id]
         self._unwritten = [output for output in self._unwritten if getattr(output, "run_id", "") != run_id]
 
+    def take_back(self, facts: Collection[Fact]) -> bool:
+        """Have nothing happen of these facts where they are not written; whether that is so of any."""
+        gone = {id(fact) for fact in facts}
+        left = [(owner, fact) for owner, fact in self._unwritten_facts if id(fact) not in gone]
+        is_unwritten = len(left) < len(self._unwritten_facts)
+        self._unwritten_facts = left
+        self._unwritten = [one for one in self._unwritten if id(getattr(one, "fact", None)) not in gone]
+        return is_unwritten
+
     def poll(self, now: float) -> None:
         """Go on, or try again, where it is time to."""
         due = self.next_deadline()

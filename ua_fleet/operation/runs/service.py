@@ -273,21 +273,22 @@ class ScenarioService:
         if len(self._orchestrator.runs) + carried >= most:
             raise TooManyRuns(f"{most} runs are under way, and more may not be; abort one, or wait for its end")
 
-    def note(self, run_id: str, facts: Sequence[Fact]) -> None:
-        """Write down and show facts of a run that is not ours to decide; later, where that is not possible now."""
-        for fact in facts:
-            self._carrier.note(run_id, fact)
-        self._do([RunChanged(run_id, fact) for fact in facts])
+    def note(self, run_id: str, facts: Sequence[Fact], *, must_be_written: bool = False) -> None:
+        """Write down and show facts of a run that is not ours to decide; later, where that is not possible now.
 
-    def note_first(self, run_id: str, facts: Sequence[Fact]) -> None:
-        """The same for the first facts of a run; raises StorageUnavailable, and then there is no such run."""
+        Raises:
+            StorageUnavailable: it is not, and `must_be_written`; then it is done later all the same.
+        """
         for fact in facts:
             self._carrier.note(run_id, fact)
+        self._do([RunChanged(run_id, fact) for fact in facts], must_be_written=must_be_written)
+
+    def note_now(self, run_id: str, facts: Sequence[Fact]) -> None:
+        """The same of what is not so before it is written; raises StorageUnavailable, and then it never is."""
         try:
-            self._do([RunChanged(run_id, fact) for fact in facts], must_be_written=True)
+            self.note(run_id, facts, must_be_written=True)
         except StorageUnavailable:
-            if self._carrier.first_unwritten(run_id) is facts[0]:
-                self._carrier.drop(run_id)
+            if self._carrier.take_back(facts):
                 raise
 
     def facts_of(self, run_id: str) -> list[Fact]:

@@ -644,7 +644,7 @@ def test_the_heir_knows_that_rounds_are_over_which_nobody_has_fetched(world: Car
     world.go(10.0)
     world.bridges.off.add(301)
     world.go(AWAY_S + 10)
-    heir = world.carried.adopt(run_id, "c1", (), "anna")
+    heir = world.carried.adopt(run_id, "c1", ("one@none",), "anna")
     world.go(5.0)
     told = adopted_by(world, {"c0": 300, "c2": 302}[heir])
     assert sorted(told.facts) == ["2@4999"], "what is sent of it is the last round alone"
@@ -687,15 +687,6 @@ def test_a_person_says_that_a_bridge_has_done_no_more_rounds_than_were_heard_of(
     heir = world.carried.adopt(run_id, "c1", ("one@none",), "anna")
     world.go(5.0)
     assert sorted(adopted_by(world, {"c0": 300, "c2": 302}[heir]).facts) == ["2@1"]
-
-
-def test_a_bridge_all_of_which_was_fetched_is_adopted_without_a_word_of_its_rounds(world: Carried) -> None:
-    world.bridges.does[301, Word.FETCH] = page(*done_alone(0), *done_alone(1))
-    run_id = begin_alone(world)
-    world.go(10.0)
-    world.bridges.off.add(301)
-    world.go(AWAY_S + 10)
-    assert world.carried.adopt(run_id, "c1", (), "anna") in ("c0", "c2")
 
 
 def test_a_bridge_that_is_taken_out_of_the_file_is_adopted_as_one_that_is_off(tmp_path: Path) -> None:

@@ -33,6 +33,7 @@ from ua_fleet.values import StatusCode
 
 FIRST = "  - {task: first, skill: work, robot: r0}"
 LAST = "  - {task: last, skill: work, robot: r0}"
+ZERO = "      - {task: zero, skill: work, robot: r0}"
 TASK = "      - {task: one, skill: work, robot: r1}"
 MORE = "      - {task: onemore, skill: work, robot: r1}"
 SELDOM = """      - if: with_others
@@ -61,7 +62,7 @@ def repeated(*body: str, behind: str = "", times: int = 10_000) -> str:
 
 
 def began(world: Carried, text: str, *heard: str, is_known: bool = False) -> str:
-    """A run of which this was fetched of c1, which is off now; `is_known`: the server knows that this is all."""
+    """A run of which this was fetched of c1, which is off now; `is_known`: it has not told of more before it was."""
     world.bridges.does[301, Word.FETCH] = page(*heard)
     checked, found = world.carried.check(text)
     assert not checked.problems + found.problems
@@ -123,10 +124,22 @@ def test_a_repetition_within_a_segment_of_which_no_more_was_done_goes_on_with_th
     assert [fact.results for fact in facts if isinstance(fact, TaskOver)] == [{"out": 1.0}]
 
 
-def test_a_repetition_within_a_segment_all_of_which_was_fetched_is_adopted_without_a_word(world: Carried) -> None:
-    heard = (*done(0), *done(1), *UNDER_WAY)
-    run_id = began(world, repeated(TASK), *heard, is_known=True)
-    wanted, facts = heirs(world, world.carried.adopt(run_id, "c1", (), "anna"))
+@pytest.mark.parametrize("body", [[TASK], [TASK, SELDOM]], ids=["within a segment", "over segments"])
+def test_a_bridge_all_of_which_was_fetched_may_have_gone_on_while_it_was_cut_off(
+    world: Carried, body: list[str]
+) -> None:
+    """From the server: it goes on alone, or with tokens of others that the server does not hear of."""
+    run_id = began(world, repeated(*body), *done(0), *done(1), *UNDER_WAY, is_known=True)
+    for said in ((), ("one",)):
+        with pytest.raises(RoundsUnknown, match="more rounds of one alone: round 2 was heard of last, and a"):
+            world.carried.adopt(run_id, "c1", said, "anna")
+    assert not world.facts(RunAdopted)
+    assert world.carried.adopt(run_id, "c1", ("one@200",), "anna") in ("c0", "c2")
+
+
+def test_a_task_of_a_repetition_that_was_under_way_begins_again_where_no_more_was_done(world: Carried) -> None:
+    run_id = began(world, repeated(TASK), *done(0), *done(1), *UNDER_WAY, is_known=True)
+    wanted, facts = heirs(world, world.carried.adopt(run_id, "c1", ("one@none",), "anna"))
     assert wanted == ["1.repeat.0@2"]
     assert isinstance(facts[-1], TaskAnswered)
 
@@ -140,10 +153,10 @@ def test_what_was_under_way_in_a_round_that_is_over_is_not_begun_again(world: Ca
     assert wanted == ["1.repeat.0@8"]
 
 
-def test_a_repetition_that_has_ended_is_not_asked_for(world: Carried) -> None:
-    run_id = began(
-        world, repeated(TASK, times=2), *done(0), *done(1), encode_fact(StepEnded(11.0, "1", StepState.DONE))
-    )
+@pytest.mark.parametrize("body", [[TASK], [TASK, SELDOM]], ids=["within a segment", "over segments"])
+def test_a_repetition_that_has_ended_is_not_asked_for(world: Carried, body: list[str]) -> None:
+    ended = encode_fact(StepEnded(11.0, "1", StepState.DONE))
+    run_id = began(world, repeated(*body, times=2), *done(0), *done(1), ended)
     assert world.carried.adopt(run_id, "c1", (), "anna") in ("c0", "c2")
 
 
@@ -158,6 +171,45 @@ def test_a_round_that_is_none_is_refused(world: Carried, body: list[str], name: 
     assert refused.value.ua_status == StatusCode.BAD_INVALID_ARGUMENT
     assert ("one@ROUND" in str(refused.value)) or "the last one of that repeat is 9999" in str(refused.value)
     assert not world.facts(RunAdopted)
+
+
+@pytest.mark.parametrize(("times", "name"), [(3, "one@3"), (10_000, "one@3"), (10_000, "one@41")])
+def test_a_round_that_another_bridge_has_not_begun_is_refused(world: Carried, times: int, name: str) -> None:
+    """The heir would wait for it for ever."""
+    world.bridges.does[300, Word.FETCH] = page(*[encode_fact(IterationStarted(10.0, "1", each)) for each in range(3)])
+    run_id = began(world, repeated(ZERO, TASK, times=times))
+    with pytest.raises(DoneUnclear) as refused:
+        world.carried.adopt(run_id, "c1", (name,), "anna")
+    assert ("the last one of that repeat is 2," if times == 3 else "the last one that has is 2,") in str(refused.value)
+    assert not world.facts(RunAdopted)
+    assert world.carried.adopt(run_id, "c1", ("one@2",), "anna") in ("c0", "c2")
+
+
+def test_no_round_is_done_where_another_bridge_has_begun_none(world: Carried) -> None:
+    run_id = began(world, repeated(ZERO, TASK))
+    with pytest.raises(DoneUnclear, match="that round of the repeat has not begun; none has, as"):
+        world.carried.adopt(run_id, "c1", ("one@0",), "anna")
+
+
+def test_a_round_within_another_one_that_another_bridge_has_not_begun_is_refused(world: Carried) -> None:
+    inner = f"      - repeat:\n    {ZERO}\n    {TASK}\n        times: 9"
+    begun = [("1", 0), ("1.repeat.0@0", 0), ("1.repeat.0@0", 8), ("1", 1), ("1.repeat.0@1", 2)]
+    facts = [encode_fact(IterationStarted(10.0, step, number)) for step, number in begun]
+    world.bridges.does[300, Word.FETCH] = page(*facts)
+    run_id = began(world, repeated(inner))
+    for name in ("one@1@3", "one@2@0"):
+        with pytest.raises(DoneUnclear, match="that round of the repeat has not begun; the last one that has is 1"):
+            world.carried.adopt(run_id, "c1", (name,), "anna")
+    with pytest.raises(DoneUnclear, match="the last one of that repeat is 8"):
+        world.carried.adopt(run_id, "c1", ("one@0@9",), "anna")
+    assert world.carried.adopt(run_id, "c1", ("one@0@8", "one@1@2"), "anna") in ("c0", "c2")
+
+
+def test_a_round_can_be_named_of_which_a_bridge_that_does_not_answer_may_know(world: Carried) -> None:
+    run_id = began(world, repeated(ZERO, TASK, behind=OTHERS))
+    world.bridges.off.add(300)
+    world.go(6.0)
+    assert world.carried.adopt(run_id, "c1", ("one@41",), "anna") == "c2"
 
 
 def test_a_task_outside_a_repetition_and_one_of_another_bridge_have_no_rounds(world: Carried) -> None:
@@ -226,7 +278,7 @@ def test_a_task_in_repetitions_within_each_other_is_named_with_a_number_for_each
 def test_a_run_with_many_rounds_within_a_segment_can_be_adopted(world: Carried) -> None:
     heard = [line for number in range(900) for line in done(number)]
     run_id = began(world, repeated(TASK), *heard, is_known=True)
-    wanted, facts = heirs(world, world.carried.adopt(run_id, "c1", (), "anna"))
+    wanted, facts = heirs(world, world.carried.adopt(run_id, "c1", ("one@none",), "anna"))
     assert wanted == ["1.repeat.0@900"]
     assert len(facts) < 10
     assert [fact.results for fact in facts if isinstance(fact, TaskOver)] == [{"out": 899.0}]
@@ -237,7 +289,7 @@ def test_rounds_of_a_bridge_that_was_left_out_before_are_not_asked_for_again(tmp
     world = Carried(tmp_path)
     run_id = began(world, repeated(*body, behind=OTHERS), *done(0), *done(1), is_known=True)
     world.bridges.does |= {(space, Word.ADOPT): None for space in (300, 302)}
-    world.carried.adopt(run_id, "c1", (), "anna")
+    world.carried.adopt(run_id, "c1", ("one@none",), "anna")
     world.go(1.0)
     world.tell_token(302, run_id, (), count=50)
     world.bridges.off.add(302)

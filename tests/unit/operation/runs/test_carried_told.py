@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from random import Random
 
 import pytest
 
-from tests.unit.operation.runs.test_carried import AWAY_S, Carried, page
+from tests.unit.operation.runs.test_carried import AWAY_S, Carried, adopted_by, answer, page
+from tests.unit.operation.runs.test_carried_rounds import SELDOM, TASK, began, repeated
+from ua_fleet.carrying.adoption import FilledSlot, encode_filled
+from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.errors import ScenarioError
 from ua_fleet.pubsub.carry_action import Word
 from ua_fleet.scenario.facts import (
@@ -19,6 +23,7 @@ from ua_fleet.scenario.facts import (
     decode_fact,
     encode_fact,
 )
+from ua_fleet.skill.executions import RequestOutcome
 
 
 def adopted(folder: Path, *, is_told: bool = True) -> str:
@@ -142,6 +147,25 @@ def test_a_run_that_is_over_ends_without_a_bridge_that_is_off_for_good(tmp_path:
     assert (301, Word.END) in world.asked(30.0), "it is told when it is there"
 
 
+@pytest.mark.parametrize("outcome", [RunOutcome.DONE, RunOutcome.FAILED])
+def test_a_server_that_is_started_again_tells_a_bridge_that_was_off_how_bridges_have_ended_the_run(
+    tmp_path: Path, outcome: RunOutcome
+) -> None:
+    world = Carried(tmp_path, 3)
+    run_id = world.begin()
+    world.bridges.off.add(301)
+    world.bridges.does |= {(space, Word.FETCH): page(closed=outcome.value) for space in (300, 302)}
+    world.go(AWAY_S + 10)
+    world.carried.adopt(run_id, "c1", (), "anna")
+    world.go(6.0)
+    assert world.facts(RunEnded)
+    world.journal.close()
+    last = Carried(tmp_path, 3)
+    last.go(6.0)
+    (told,) = [content for space, word, content in last.bridges.contents if (space, word) == (301, Word.END)]
+    assert decode_words(told)["outcome"] == outcome.value
+
+
 def test_a_run_for_which_one_bridge_has_waited_too_long_can_be_aborted_alone(tmp_path: Path) -> None:
     world = Carried(tmp_path, 3)
     run_id = world.begin()
@@ -157,3 +181,41 @@ def test_a_run_for_which_one_bridge_has_waited_too_long_can_be_aborted_alone(tmp
 
 def test_that_all_know_of_an_adoption_is_read_again() -> None:
     assert decode_fact(encode_fact(AdoptionTold(7.0))) == AdoptionTold(7.0)
+
+
+def has_tokens(count: int, loops: tuple[int, ...]) -> RequestOutcome:
+    """A bridge knows which one is off, and has tokens that failed for long reasons, within these repetitions."""
+    random = Random(1)
+    why = ["".join(chr(random.randrange(0x4E00, 0x9FFF)) for _ in range(300)) for _ in range(count)]
+    slots = [FilledSlot(number, 0, text, {}, (1,) * len(loops), loops) for number, text in enumerate(why)]
+    return answer(encode_words(filled=encode_filled(slots)))
+
+
+def test_what_others_have_is_too_large_for_the_heir(tmp_path: Path) -> None:
+    """That is known only once they have said it: the adoption is written down by then."""
+    world = Carried(tmp_path, 3)
+    run_id = began(world, repeated(TASK, SELDOM))
+    world.bridges.does[302, Word.ADOPT] = has_tokens(120, (1,))
+    assert world.carried.adopt(run_id, "c1", ("one@none",), "anna") == "c0"
+    world.go(1.0)
+    asked = world.asked(12.0)
+    assert (300, Word.ADOPT) not in asked
+    assert {(300, Word.FETCH), (302, Word.FETCH)} <= set(asked), "one may know that the run is over"
+    assert world.reason().startswith("c0: what the heir has to know has ")
+    assert world.reason().endswith(f"; the run cannot go on, abort it: ua-fleet scenario abort {run_id}")
+    assert not world.mistakes.count, world.mistakes.text()
+    world.carried.abort(run_id, "", "anna")
+    world.go(1.0)
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.ABORTED]
+
+
+def test_the_heir_is_told_of_tokens_alone_that_say_something_of_what_it_gets(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 3)
+    run_id = began(world, repeated(TASK, SELDOM))
+    world.bridges.does[302, Word.ADOPT] = has_tokens(120, ())
+    assert world.carried.adopt(run_id, "c1", ("one@none",), "anna") == "c0"
+    world.go(2.0)
+    assert (300, Word.ADOPT) in world.bridges.asked
+    told = adopted_by(world, 300)
+    assert len(told.filled) < 10
+    assert not world.mistakes.count, world.mistakes.text()

@@ -104,9 +104,12 @@ def _places(text: str) -> tuple[tuple[_Place, ...], str]:
 
 
 def _text_before(ends: str) -> str:
-    """A quoted text, or all up to `ends`. Possessive, so that no line takes more than one look at each character."""
-    bare = f"(?:(?!{re.escape(ends)}).)*+" if ends else ".*+"
-    return f'"(?:[^"]|"")*+"|{bare}'
+    """A quoted text, or all up to `ends`. Atomic, so that no line takes more than one look at each character.
+
+    Not by possessive quantifiers of groups: before Python 3.11.5 they match less than they should.
+    """
+    bare = f"(?>(?:(?!{re.escape(ends)}).)*)" if ends else "(?>.*)"
+    return f'(?>"(?:[^"]|"")*")|{bare}'
 
 
 def _type_of(place: _Place, known: Mapping[str, ScalarType], what: str) -> ScalarType:

@@ -22,7 +22,12 @@ foreign.report(async (session, report) => {
   async function at(...names) {
     let nodeId = "i=14443";
     for (const name of names) {
-      const reference = (await children(session, nodeId)).get(name);
+      // A bridge that says anew what it has has new nodes: for a moment it has none.
+      let reference;
+      for (let tries = 0; tries < 100 && !reference; tries += 1) {
+        if (tries) await new Promise((resolve) => setTimeout(resolve, 100));
+        reference = (await children(session, nodeId)).get(name);
+      }
       if (!reference) throw new Error(`${names.join("/")}: no ${name}`);
       nodeId = reference.nodeId;
     }

@@ -122,6 +122,7 @@ async def test_what_is_shelved_does_not_wait_for_a_person(server: Running, conso
         await live.until(lambda: live.feeds["counts"]["alarms"] == others + 1)
         await done(browser, "alarm.shelve", time_s=3600)
         await live.until(lambda: live.feeds["counts"]["alarms"] == others)
+        await live.until(lambda: live.feeds["alarms"][ALARM]["unshelve_at"])
         shelved = live.feeds["alarms"][ALARM]
         assert (shelved["shelved"], shelved["active"], shelved["unshelve_at"] > shelved["time"]) == (
             "timed",

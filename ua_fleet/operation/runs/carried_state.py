@@ -68,7 +68,7 @@ class AskedBridge:
     beginning: Beginning = Beginning.UNSAID
     """What it has said of the beginning of the run, where it was asked for that."""
     is_complete: bool = False
-    """Whether it knows that the run is over, does nothing for it, and has no more facts."""
+    """Whether it knows that the run is over or does not know the run any more, does nothing, and has no more facts."""
 
     @property
     def may_take(self) -> bool:

@@ -168,9 +168,11 @@ class _Carrier:
         self._holder = Holder(self._space, self._note, records.facts())
         self._ground.actions.reserved_for = self._holder.reserved_for
         self._leave_out(records)
+        self._forget()
         last = records.last_number()
-        for run_id in self._holder.runs:
-            segments = records.segments_of(run_id)
+        for run_id, held in self._holder.runs.items():
+            # Of one that is over nothing more is told than the number of its facts.
+            segments = records.segments_of(run_id) if held.closed is None or held.active else ()
             self._watch.restored(run_id, (fact for one in segments for fact in records.runs.facts(one)), last)
         effects = self._holder.again(self._wall_s())
         for run_id, held in self._holder.runs.items():
@@ -479,6 +481,7 @@ class _Carrier:
             except StorageUnavailable as error:
                 self._outbox.put_off(str(error))
             self._watch.look(self._holder)
+        self._forget()  # it follows each end of a run
         self._ground.sooner()
 
     def _told(self, note: Callable[[Holder, float], list[Carry] | None]) -> None:

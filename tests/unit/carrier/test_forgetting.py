@@ -19,6 +19,7 @@ from ua_fleet.carrying.holder import MOST_KEPT, MOST_UNFETCHED
 from ua_fleet.carrying.part import Part
 from ua_fleet.carrying.words import decode_words, encode_words
 from ua_fleet.pubsub.carry_action import Word
+from ua_fleet.scenario.facts import RunCreated
 from ua_fleet.skill.executions import unpack
 from ua_fleet.storage.carried_records import CarriedRecords
 
@@ -128,3 +129,37 @@ def test_it_is_said_that_runs_are_forgotten_which_no_server_has_fetched(
     said = [(one["oldest"], one["since_the_start"]) for one in logs if "has not fetched" in one["event"]]
     assert said == [("run0", 1), ("run1", 2)]
     assert (len(hall.holder.runs), hall.rows()) == (MOST_UNFETCHED, MOST_UNFETCHED)
+
+
+def test_a_bridge_that_has_nothing_to_tell_others_forgets_runs_too(tmp_path: Path, records: CarriedRecords) -> None:
+    cell = Carrier("cell", tmp_path, records)
+    alone = plan(task("one", "a"))
+    for number in range(MOST_UNFETCHED + 5):
+        run_id = f"run{number}"
+        cell.take(parts_of(alone, run_id, "made", {}, "eva")[300], 0)
+        cell.end(run_id, 0)
+    assert (len(cell.holder.runs), cell.rows()) == (MOST_UNFETCHED, MOST_UNFETCHED)
+    for run_id in list(cell.holder.runs):
+        cell.fetch(run_id)
+    assert (len(cell.holder.runs), cell.rows()) == (MOST_KEPT, MOST_KEPT)
+
+
+def test_a_bridge_that_the_server_alone_tells_of_ends_forgets_runs_too(tmp_path: Path, records: CarriedRecords) -> None:
+    hall = Carrier("hall", tmp_path, records)
+    for number in range(MOST_KEPT + 5):
+        hall.said(Word.PART, encode_part(part_of(f"run{number}")))
+        hall.said(Word.END, encode_words(run=f"run{number}", outcome="aborted", reason="enough"))
+    assert (len(hall.holder.runs), hall.rows()) == (MOST_KEPT, MOST_KEPT)
+
+
+def test_what_a_file_has_of_runs_that_are_over_goes_at_a_start(tmp_path: Path, records: CarriedRecords) -> None:
+    holder = Holder(301, records.note)
+    with records.one_sync():
+        for number in range(MOST_UNFETCHED + 5):
+            run_id = f"run{number}"
+            holder.take_part(encode_part(part_of(run_id)), 1.0)
+            records.runs.write([(f"{run_id}.1", RunCreated(1.0, f"{run_id}.1", "{}", {}, "eva"))])
+            holder.take_end(run_id, "failed", "", 300, 2.0 + number)
+    hall = Carrier("hall", tmp_path, records)
+    assert (len(hall.holder.runs), hall.rows()) == (MOST_UNFETCHED, MOST_UNFETCHED)
+    assert [run_id for run_id in ("run0", "run5") if records.segments_of(run_id)] == ["run5"]

@@ -52,7 +52,7 @@ class AskedBridge:
     has_refused: bool = False
     """Whether it has refused to be told that another one is off: it may know that the run is over."""
     last: int = 0
-    """The number that the bridge gives the last fact which was fetched."""
+    """The number of the bridge up to which its facts were fetched."""
     told: int = 0
     """How many facts its DataSet told of when all were fetched that it had."""
     news: int = 0

@@ -448,11 +448,12 @@ class Holder:
         return ""
 
     def forgettable(self) -> list[str]:
-        """The runs that are over everywhere and fetched, the oldest first, but for the last ones.
+        """The oldest runs that are over: all but the last MOST_KEPT of which everybody knows and the server has all.
 
-        Of those that are over here alone, or that the server has not fetched, all but the last MOST_UNFETCHED too: else
-        a bridge would keep for ever what nobody asks for.
+        Of those that were over before their part came as many stay, and of the others the last MOST_UNFETCHED: else a
+        bridge would keep for ever what nobody asks for.
         """
+        before = [(closed.at, run_id) for run_id, closed in self._ended_before.items()]
         settled, others = list[tuple[float, str]](), list[tuple[float, str]]()
         for run_id, held in self.runs.items():
             if held.closed is None or held.active:
@@ -461,7 +462,8 @@ class Holder:
                 others.append((held.closed.at, run_id))
             else:
                 settled.append((held.fetched_at, run_id))
-        return [*_but_the_last(MOST_KEPT, settled), *_but_the_last(MOST_UNFETCHED, others)]
+        gone = (*_but_the_last(MOST_KEPT, before), *_but_the_last(MOST_KEPT, settled))
+        return [*gone, *_but_the_last(MOST_UNFETCHED, others)]
 
     def is_fetched(self, run_id: str) -> bool:
         """Whether the server needs nothing more of a run that is over here."""
@@ -471,6 +473,7 @@ class Holder:
     def forget(self, run_id: str) -> None:
         """A run is not in the journal any more."""
         self.runs.pop(run_id, None)
+        self._ended_before.pop(run_id, None)
 
     # Within.
 
@@ -567,8 +570,6 @@ class Holder:
         if held is None:
             if isinstance(fact, RunClosed):
                 self._ended_before[fact.run_id] = fact
-                if len(self._ended_before) > MOST_KEPT:
-                    del self._ended_before[next(iter(self._ended_before))]
             return  # else it is of a run that was forgotten
         held.apply(fact)
 

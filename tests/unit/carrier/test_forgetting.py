@@ -14,7 +14,7 @@ from tests.unit.carrier.test_side import Bridge
 from tests.unit.carrying.test_plan import plan, task
 from ua_fleet.carrier.engine import SegmentEnd, SegmentEngine
 from ua_fleet.carrier.side import RunUnknown
-from ua_fleet.carrying import Holder, SendEnd, Token, encode_part, encode_token, parts_of
+from ua_fleet.carrying import Holder, RunRefused, SendEnd, Token, encode_part, encode_token, parts_of
 from ua_fleet.carrying.holder import MOST_KEPT, MOST_UNFETCHED
 from ua_fleet.carrying.part import Part
 from ua_fleet.carrying.words import decode_words, encode_words
@@ -163,3 +163,17 @@ def test_what_a_file_has_of_runs_that_are_over_goes_at_a_start(tmp_path: Path, r
     hall = Carrier("hall", tmp_path, records)
     assert (len(hall.holder.runs), hall.rows()) == (MOST_UNFETCHED, MOST_UNFETCHED)
     assert [run_id for run_id in ("run0", "run5") if records.segments_of(run_id)] == ["run5"]
+
+
+def test_ends_of_runs_whose_part_never_came_go_from_the_file_too(tmp_path: Path, records: CarriedRecords) -> None:
+    hall = Carrier("hall", tmp_path, records)
+    ended = [f"run{number}" for number in range(MOST_KEPT + 5)]
+    for run_id in ended:
+        hall.said(Word.END, encode_words(run=run_id, outcome="aborted", reason="enough"))
+        assert hall.rows() <= MOST_KEPT
+    again = Carrier("hall", tmp_path, records)
+    assert again.rows() == MOST_KEPT
+    with pytest.raises(RunRefused, match="is over here: aborted, enough"):
+        again.said(Word.PART, encode_part(part_of(ended[-MOST_KEPT])))
+    again.said(Word.PART, encode_part(part_of(ended[0])))
+    assert list(again.holder.runs) == ended[:1]

@@ -54,7 +54,7 @@ class HeldRun:
     told: set[int] = field(default_factory=set[int])
     """Who knows that it is over: bridges that have acknowledged the end, and the server (0), which has fetched all."""
     fetched_at: float | None = None
-    """Since when the server asks no more for it: it has fetched all, has ended the run itself, or has left this out."""
+    """When the server has asked for it last: it has fetched all, has ended the run itself, or has left this out."""
     adoptions: list[Adoption] = field(default_factory=list[Adoption])
     """Of the segments of bridges that are off."""
     is_doubted: bool = False

@@ -412,10 +412,17 @@ class Holder:
             self._note(EndTold(now, sent.run_id, sent.space))
 
     def fetched(self, run_id: str, now: float) -> None:
-        """The server was told all facts of a run that there are; where it is over here, it asks no more for it."""
+        """The server was told all facts of a run that there are; once that is over here, it may be forgotten.
+
+        One that the server asks for again, since another bridge is away, is the last to go; this is not written down.
+        """
         held = self.runs.get(run_id)
-        if held is not None and held.closed is not None and not held.active and held.fetched_at is None:
+        if held is None or held.closed is None or held.active:
+            return
+        if held.fetched_at is None:
             self._note(EndTold(now, run_id, SERVER_SPACE))
+        else:
+            held.fetched_at = max(held.fetched_at, now)
 
     # Time, and what others ask.
 

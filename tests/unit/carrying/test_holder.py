@@ -229,6 +229,17 @@ def test_a_long_run_that_has_just_ended_and_was_fetched_is_not_the_oldest_one() 
         assert holder.forgettable() == short[:11], "the answer to the server may be lost"
 
 
+def test_a_run_that_the_server_still_asks_for_stays(bridge: Bridge) -> None:
+    bridge.holder.take_end("run", "done", "", 300, 1.0)
+    for number in range(60):
+        run_id = f"run{number}"
+        bridge.holder.take_part(encode_part(parts_of(PLAN, run_id, "made", {}, "anna")[301]), 2.0)
+        bridge.holder.take_end(run_id, "done", "", 300, 3.0)
+        bridge.holder.fetched(run_id, 4.0 + number)
+        bridge.holder.fetched("run", 4.0 + number)
+    assert bridge.holder.forgettable() == [f"run{number}" for number in range(11)]
+
+
 def test_a_run_that_the_server_has_ended_is_not_kept_until_it_fetches_it() -> None:
     runs = [f"run{number}" for number in range(60)]
     bridge = with_parts(*runs)

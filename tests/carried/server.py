@@ -199,7 +199,9 @@ def _answer(bridge: Bridge, word: Word, content: bytes, now: float) -> bytes:
             words = decode_words(content)
             bridge.do(holder.take_end(words["run"], words["outcome"], words["reason"], 0, now))
         case Word.FETCH:
-            return _page(bridge)
+            answer = _page(bridge)
+            holder.fetched(RUN, now)
+            return answer
         case _:
             raise AssertionError(f"the server says {word}")
     return b""

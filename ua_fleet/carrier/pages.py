@@ -22,7 +22,8 @@ class FactPage(NamedTuple):
 
     lines: list[str]
     last: int
-    """The number of the last of them; where there are none, the one that the server has."""
+    """The number behind which the server asks on: that of the last of them; on the last page the highest of the file,
+    so that what other runs do is not gone over for each page of a quiet one."""
     is_last: bool
     """Whether there are no more."""
 
@@ -43,4 +44,4 @@ class FactPages:
                 return FactPage(lines, last, False)
             lines.append(line)
             last = number
-        return FactPage(lines, last, True)
+        return FactPage(lines, max(last, self._records().last_number()), True)

@@ -107,6 +107,8 @@ class _Carrier:
         """The last ones of each run about who takes a task over, by their ids."""
         self._written = Counter[str]()
         """Facts of each run that were written since the start."""
+        self._lost = 0
+        """Runs that were forgotten since the start, and that the server had not fetched."""
         self._outbox = Outbox(self._space, ns, spaces, ground, self._log)
         self._watch = RunWatch(self._space, ns, name, ground)
         self._actions = ImmediateActions(
@@ -166,9 +168,11 @@ class _Carrier:
         self._holder = Holder(self._space, self._note, records.facts())
         self._ground.actions.reserved_for = self._holder.reserved_for
         self._leave_out(records)
+        self._forget()
         last = records.last_number()
-        for run_id in self._holder.runs:
-            segments = records.segments_of(run_id)
+        for run_id, held in self._holder.runs.items():
+            # Of one that is over nothing more is told than the number of its facts.
+            segments = records.segments_of(run_id) if held.closed is None or held.active else ()
             self._watch.restored(run_id, (fact for one in segments for fact in records.runs.facts(one)), last)
         effects = self._holder.again(self._wall_s())
         for run_id, held in self._holder.runs.items():
@@ -381,6 +385,10 @@ class _Carrier:
             "closed": None if closed is None else [closed.at, closed.outcome, closed.reason],
             "decisions": [encode_decision(changed) for changed in self._decisions.get(run_id, {}).values()],
         }
+        if page.is_last:
+            with suppress(StorageUnavailable):  # `problem` says so; the server is answered
+                self._holder.fetched(run_id, self._wall_s())
+            self._ground.loop.call_soon(self._forget)
         return zlib.compress(encode_words(**told))
 
     # What follows.
@@ -473,6 +481,7 @@ class _Carrier:
             except StorageUnavailable as error:
                 self._outbox.put_off(str(error))
             self._watch.look(self._holder)
+        self._forget()  # it follows each end of a run
         self._ground.sooner()
 
     def _told(self, note: Callable[[Holder, float], list[Carry] | None]) -> None:
@@ -490,17 +499,39 @@ class _Carrier:
                 self._log.warning(
                     "what this bridge had of a carried run is parked", run_id=run_id, reason=closed.reason
                 )
-        for run_id in self._holder.forgettable():
-            records = self._open()
-            if self._engine is not None:
-                self._engine.forget(records.segments_of(run_id))
-                self._engine.forget_run(run_id)
-            records.forget(run_id)
-            self._holder.forget(run_id)
-            self._written.pop(run_id, None)
-            self._decisions.pop(run_id, None)
-            self._watch.forget(run_id)
+        self._forget()
         self._watch.look(self._holder)
+
+    def _forget(self) -> None:
+        """Forget runs that nobody asks for any more; where the disk fails, with the next one."""
+        gone = self._holder.forgettable()
+        if not gone:
+            return
+        lost = [run_id for run_id in gone if not self._holder.is_fetched(run_id)]
+        with self._ground.mistakes.guard("carried runs"), suppress(StorageUnavailable):
+            records = self._open()
+            with records.one_sync():
+                for run_id in gone:
+                    self._forget_run(records, run_id)
+            if lost:
+                self._lost += len(lost)
+                self._log.warning(
+                    "carried runs are forgotten that the server has not fetched",
+                    oldest=lost[0],
+                    runs=len(lost),
+                    since_the_start=self._lost,
+                )
+
+    def _forget_run(self, records: CarriedRecords, run_id: str) -> None:
+        segments = records.segments_of(run_id)
+        records.forget(run_id)
+        if self._engine is not None:
+            self._engine.forget(segments)
+            self._engine.forget_run(run_id)
+        self._holder.forget(run_id)
+        self._written.pop(run_id, None)
+        self._decisions.pop(run_id, None)
+        self._watch.forget(run_id)
 
     def poll(self, now: float) -> None:
         """Do what is due."""

@@ -108,11 +108,12 @@ class RunClosed:
 
 @dataclass(frozen=True, slots=True)
 class EndTold:
-    """Another bridge knows that the run is over."""
+    """Another bridge knows that the run is over; or the server does, and has fetched all of it from here."""
 
     at: float
     run_id: str
     space: int
+    """Of the bridge; 0: the server."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,11 +25,14 @@ from ua_fleet.carrying.part import Part, Road
 from ua_fleet.carrying.plan import MailSlot
 from ua_fleet.carrying.token import SegmentRound, Token, decode_token, encode_token
 from ua_fleet.scenario import Value
+from ua_fleet.topics import SERVER_SPACE
 
-__all__ = ["LOST", "HeldRun"]
+__all__ = ["ADOPTED", "LOST", "HeldRun"]
 
 LOST: Final = "lost"
 """The outcome of a run of which nothing has come for its lease."""
+ADOPTED: Final = "adopted"
+"""The outcome at a bridge that was away, while another one has gone on in its place: it parks what it has."""
 
 
 @dataclass(slots=True)
@@ -49,7 +52,9 @@ class HeldRun:
     """What was said last, where anything was."""
     closed: RunClosed | None = None
     told: set[int] = field(default_factory=set[int])
-    """Bridges that have acknowledged the end."""
+    """Who knows that it is over: bridges that have acknowledged the end, and the server (0), which has fetched all."""
+    fetched_at: float | None = None
+    """When the server has asked for it last: it has fetched all, has ended the run itself, or has left this out."""
     adoptions: list[Adoption] = field(default_factory=list[Adoption])
     """Of the segments of bridges that are off."""
     is_doubted: bool = False
@@ -128,8 +133,12 @@ class HeldRun:
                 self.handed.add((SegmentRound(fact.segment, fact.rounds), fact.target, fact.slot))
             case RunClosed():
                 self.closed = fact
+                if fact.by == SERVER_SPACE or fact.outcome == ADOPTED:
+                    self.fetched_at = fact.at
             case EndTold():
                 self.told.add(fact.space)
+                if fact.space == SERVER_SPACE:
+                    self.fetched_at = fact.at
             case PauseTold():
                 self.pause = fact
             case RunDoubted():

@@ -8,6 +8,7 @@
                paused, or in doubt: none is begun, tokens wait in their slots
     run        the last segment over, an `end`, an abort --> closed --each other bridge acknowledged--> told
                no part, token or end for `lease_s`, and not paused --> lost; its reservations end
+               told, and the server has fetched all --> forgotten, but for the last MOST_KEPT
 
 A fact is journaled first, then applied, then what follows is done. All that is done follows from the facts alone, so
 that a process that is killed at any moment asks for the same again: `begin` of a segment whose run the engine has
@@ -39,7 +40,7 @@ from ua_fleet.carrying.facts import (
     SegmentOver,
     TokenTaken,
 )
-from ua_fleet.carrying.held import LOST, HeldRun
+from ua_fleet.carrying.held import ADOPTED, LOST, HeldRun
 from ua_fleet.carrying.part import PartInvalid, decode_part
 from ua_fleet.carrying.token import MOST_REASON_BYTES, WHOLE, SegmentRound, TokenInvalid, clipped, decode_token
 from ua_fleet.errors import ScenarioError, StorageUnavailable
@@ -52,11 +53,9 @@ __all__ = ["ADOPTED", "LOST", "MOST_RUNS", "HeldRun", "Holder", "RunRefused"]
 MOST_RUNS: Final = 100
 """Carried runs that a bridge has at a time."""
 MOST_KEPT: Final = 50
-"""Those that are over and still known: the server fetches what became of them."""
-ADOPTED: Final = "adopted"
-"""The outcome at a bridge that was away, while another one has gone on in its place: it parks what it has."""
-
-
+"""Those that all know to be over and the server has fetched, and that are still known: its last answer may be lost."""
+MOST_UNFETCHED: Final = 200
+"""Those that are over and the server or another bridge has not heard of yet. It may never come back."""
 AGAIN_S: Final = 1.0
 """After so long `poll` tries again to write what could not be written."""
 
@@ -176,7 +175,11 @@ class Holder:
             return []
         if sender not in (SERVER_SPACE, *held.part.spaces):
             raise RunRefused(f"space {sender} is not in run {run_id}")
-        return [] if held.closed is not None else self._close(held, outcome, reason, sender, now)
+        if held.closed is None:
+            return self._close(held, outcome, reason, sender, now)
+        if sender == SERVER_SPACE:
+            self.fetched(run_id, now)
+        return []
 
     def take_pause(self, run_id: str, is_paused: bool, by: str, now: float) -> list[Carry]:
         """The server has a run paused, or go on; the same again, or of a run that is over, changes nothing.
@@ -408,6 +411,19 @@ class Holder:
         if held is not None and sent.space not in held.told:
             self._note(EndTold(now, sent.run_id, sent.space))
 
+    def fetched(self, run_id: str, now: float) -> None:
+        """The server was told all facts of a run that there are; once that is over here, it may be forgotten.
+
+        One that the server asks for again, since another bridge is away, is the last to go; this is not written down.
+        """
+        held = self.runs.get(run_id)
+        if held is None or held.closed is None or held.active:
+            return
+        if held.fetched_at is None:
+            self._note(EndTold(now, run_id, SERVER_SPACE))
+        else:
+            held.fetched_at = max(held.fetched_at, now)
+
     # Time, and what others ask.
 
     def poll(self, now: float) -> list[Carry]:
@@ -439,17 +455,32 @@ class Holder:
         return ""
 
     def forgettable(self) -> list[str]:
-        """The runs that are over everywhere, the oldest first, but for the last ones."""
-        over = [
-            run_id
-            for run_id, held in self.runs.items()
-            if held.closed is not None and not held.active and not held.untold(self._space)
-        ]
-        return over[: max(0, len(over) - MOST_KEPT)]
+        """The oldest runs that are over: all but the last MOST_KEPT of which everybody knows and the server has all.
+
+        Of those that were over before their part came as many stay, and of the others the last MOST_UNFETCHED: else a
+        bridge would keep for ever what nobody asks for.
+        """
+        before = [(closed.at, run_id) for run_id, closed in self._ended_before.items()]
+        settled, others = list[tuple[float, str]](), list[tuple[float, str]]()
+        for run_id, held in self.runs.items():
+            if held.closed is None or held.active:
+                continue
+            if held.fetched_at is None or held.untold(self._space):
+                others.append((held.closed.at, run_id))
+            else:
+                settled.append((held.fetched_at, run_id))
+        gone = (*_but_the_last(MOST_KEPT, before), *_but_the_last(MOST_KEPT, settled))
+        return [*gone, *_but_the_last(MOST_UNFETCHED, others)]
+
+    def is_fetched(self, run_id: str) -> bool:
+        """Whether the server needs nothing more of a run that is over here."""
+        held = self.runs.get(run_id)
+        return held is None or held.fetched_at is not None
 
     def forget(self, run_id: str) -> None:
         """A run is not in the journal any more."""
         self.runs.pop(run_id, None)
+        self._ended_before.pop(run_id, None)
 
     # Within.
 
@@ -546,7 +577,11 @@ class Holder:
         if held is None:
             if isinstance(fact, RunClosed):
                 self._ended_before[fact.run_id] = fact
-                if len(self._ended_before) > MOST_KEPT:
-                    del self._ended_before[next(iter(self._ended_before))]
             return  # else it is of a run that was forgotten
         held.apply(fact)
+
+
+def _but_the_last(kept: int, over: list[tuple[float, str]]) -> list[str]:
+    """The ids of runs but for the last ones, in the order of their times."""
+    over.sort(key=lambda one: one[0])
+    return [run_id for _, run_id in over[: max(0, len(over) - kept)]]

@@ -112,9 +112,8 @@ class CarriedRecords:
 
     def segments_of(self, run_id: str) -> list[str]:
         """The ids under which segments of a run were run, in the order in which they began."""
-        head = f"{run_id}."
-        values = (len(head), head)
-        rows = self._database.read("SELECT run_id FROM runs WHERE substr(run_id, 1, ?) = ? ORDER BY number", values)
+        statement = "SELECT run_id FROM runs WHERE run_id > ? AND run_id < ? ORDER BY number"
+        rows = self._database.read(statement, _around_segments(run_id))
         return [found for (found,) in rows]
 
     def last_number(self) -> int:
@@ -144,10 +143,8 @@ class CarriedRecords:
         run_id = held.part.run_id
         rows = self._database.read("SELECT number, line FROM carried WHERE run_id = ? ORDER BY number", (run_id,))
         over = superseded(held, [decode_carry_fact(line) for _, line in rows])
-        head = f"{run_id}."
-        ended = self._database.read(
-            "SELECT run_id FROM runs WHERE ended = 1 AND substr(run_id, 1, ?) = ? ORDER BY number", (len(head), head)
-        )
+        statement = "SELECT run_id FROM runs WHERE ended = 1 AND run_id > ? AND run_id < ? ORDER BY number"
+        ended = self._database.read(statement, _around_segments(run_id))
         segments = forgotten_segments(held, [segment for (segment,) in ended])
         segments = segments[: max(0, len(segments) - kept)]
         statements: list[Statement] = [("DELETE FROM carried WHERE number = ?", (rows[at][0],)) for at in over]
@@ -158,9 +155,14 @@ class CarriedRecords:
 
     def forget(self, run_id: str) -> None:
         """Forget a run with its segments."""
-        head = f"{run_id}."
+        segments = _around_segments(run_id)
         self._database.commit(
-            ("DELETE FROM facts WHERE substr(run_id, 1, ?) = ?", (len(head), head)),
-            ("DELETE FROM runs WHERE substr(run_id, 1, ?) = ?", (len(head), head)),
+            ("DELETE FROM facts WHERE run_id > ? AND run_id < ?", segments),
+            ("DELETE FROM runs WHERE run_id > ? AND run_id < ?", segments),
             ("DELETE FROM carried WHERE run_id = ?", (run_id,)),
         )
+
+
+def _around_segments(run_id: str) -> tuple[str, str]:
+    """What the ids of a run's segments are between, so that an index finds them; `/` is the character behind `.`."""
+    return f"{run_id}.", f"{run_id}/"

@@ -47,7 +47,7 @@ def test_pages_have_the_same_order_after_a_restart(tmp_path: Path) -> None:
         assert pages.after(RUN, second.last).lines == lines("a3")
         assert pages.after(RUN, 0).lines == lines("a1", "b1", "a2", "b2", "a3"), "a new server begins anew"
         assert pages.after(RUN, first.last).lines == lines("a2", "b2", "a3"), "the answer before has not arrived"
-        assert pages.after(f"{RUN}0", second.last).lines == lines("other", "other")
+        assert pages.after(f"{RUN}0", second.last).lines == lines("other")
 
 
 def test_what_one_answer_has_no_room_for_comes_in_the_next_one() -> None:
@@ -79,4 +79,26 @@ def test_a_run_that_is_forgotten_has_no_facts() -> None:
     pages = FactPages(lambda: records)
     assert pages.after(RUN, 0).lines == lines("a1")
     records.forget(RUN)
-    assert pages.after(RUN, 0) == FactPage([], 0, True)
+    assert pages.after(RUN, 0) == FactPage([], records.last_number(), True)
+
+
+def test_what_other_runs_did_is_not_gone_over_for_each_page_of_a_quiet_one() -> None:
+    records = in_memory()
+    records.runs.write([("quiet.0", fact("a1"))])
+    pages, last = FactPages(lambda: records), 0
+    assert pages.after("quiet", last) == FactPage(lines("a1"), 1, True)
+    for _ in range(2):
+        records.runs.write([("busy.0", fact(f"b{number}")) for number in range(1000)])
+        page = pages.after("quiet", last)
+        assert (page.last, page.is_last) == (records.last_number(), True), "the next one begins there"
+        last = page.last
+    records.runs.write([("quiet.0", fact("a2")), ("busy.0", fact("b"))])
+    assert pages.after("quiet", last) == FactPage(lines("a2"), records.last_number(), True)
+
+
+def test_a_page_that_is_not_the_last_one_leaves_nothing_out() -> None:
+    records = in_memory()
+    records.runs.write([("run.0", fact("a" * PAGE_BYTES)), ("other.0", fact("b")), ("run.0", fact("c"))])
+    first = FactPages(lambda: records).after("run", 0)
+    assert (first.last, first.is_last) == (1, False)
+    assert FactPages(lambda: records).after("run", first.last) == FactPage(lines("c"), 3, True)

@@ -24,10 +24,11 @@ from ua_fleet.carrying import (
 )
 from ua_fleet.carrying.facts import (
     CarryFact,
+    EndTold,
     decode_carry_fact,
     encode_carry_fact,
 )
-from ua_fleet.carrying.holder import LOST
+from ua_fleet.carrying.holder import LOST, MOST_UNFETCHED
 from ua_fleet.carrying.part import PartInvalid
 from ua_fleet.carrying.token import TokenInvalid
 from ua_fleet.carrying.words import decode_words, encode_words
@@ -192,13 +193,72 @@ def test_robots_are_reserved_until_the_run_is_over_or_its_lease_is(bridge: Bridg
         bridge.holder.take_token(bridge.token(), 300, due)
 
 
-def test_the_oldest_runs_that_are_over_everywhere_can_be_forgotten() -> None:
+def with_parts(*run_ids: str) -> Bridge:
+    """A bridge that has no token of these runs."""
     bridge = Bridge()
+    for run_id in run_ids:
+        bridge.holder.take_part(encode_part(parts_of(PLAN, run_id, "made", {}, "anna")[301]), 0.0)
+    return bridge
+
+
+def test_the_oldest_runs_that_are_over_everywhere_and_fetched_can_be_forgotten() -> None:
+    runs = [f"run{number}" for number in range(60)]
+    bridge = with_parts(*runs)
+    for number, run_id in enumerate(runs):
+        bridge.holder.take_end(run_id, "done", "", 300, float(number))
+    assert bridge.holder.forgettable() == [], "the server may be away"
+    for run_id in runs:
+        bridge.holder.fetched(run_id, 100.0)
+        bridge.holder.fetched(run_id, 101.0)
+    assert sum(isinstance(fact, EndTold) for fact in bridge.facts) == 60, "it is noted once"
+    assert bridge.holder.forgettable() == runs[:10]
+    assert bridge.again().forgettable() == runs[:10]
+
+
+def test_a_long_run_that_has_just_ended_and_was_fetched_is_not_the_oldest_one() -> None:
+    short = [f"run{number}" for number in range(60)]
+    bridge = with_parts("long", *short)
+    bridge.holder.fetched("long", 1.0)  # it is under way
+    for run_id in short:
+        bridge.holder.take_end(run_id, "done", "", 300, 2.0)
+        bridge.holder.fetched(run_id, 3.0)
+    bridge.holder.take_end("long", "done", "", 300, 4.0)
+    assert "long" not in bridge.holder.forgettable()
+    bridge.holder.fetched("long", 5.0)
+    for holder in (bridge.holder, bridge.again()):
+        assert holder.forgettable() == short[:11], "the answer to the server may be lost"
+
+
+def test_a_run_that_the_server_still_asks_for_stays(bridge: Bridge) -> None:
+    bridge.holder.take_end("run", "done", "", 300, 1.0)
     for number in range(60):
-        parts = parts_of(PLAN, f"run{number}", "made", {}, "anna")
-        bridge.holder.take_part(encode_part(parts[301]), float(number))
+        run_id = f"run{number}"
+        bridge.holder.take_part(encode_part(parts_of(PLAN, run_id, "made", {}, "anna")[301]), 2.0)
+        bridge.holder.take_end(run_id, "done", "", 300, 3.0)
+        bridge.holder.fetched(run_id, 4.0 + number)
+        bridge.holder.fetched("run", 4.0 + number)
+    assert bridge.holder.forgettable() == [f"run{number}" for number in range(11)]
+
+
+def test_a_run_that_the_server_has_ended_is_not_kept_until_it_fetches_it() -> None:
+    runs = [f"run{number}" for number in range(60)]
+    bridge = with_parts(*runs)
+    for number, run_id in enumerate(runs):
+        if number % 2:
+            bridge.holder.take_end(run_id, "done", "", 300, 1.0)
+        bridge.holder.take_end(run_id, "aborted", "enough", 0, 2.0)
+    assert bridge.holder.forgettable() == runs[:10]
+    assert bridge.again().forgettable() == runs[:10]
+
+
+def test_what_no_server_fetches_is_not_kept_for_ever() -> None:
+    bridge = Bridge()
+    for number in range(MOST_UNFETCHED + 10):
+        part = parts_of(PLAN, f"run{number}", "made", {}, "anna")[301]
+        bridge.holder.take_part(encode_part(part), float(number))
         bridge.holder.take_end(f"run{number}", "done", "", 300, float(number))
     assert bridge.holder.forgettable() == [f"run{number}" for number in range(10)]
+    assert not bridge.holder.is_fetched("run0")
 
 
 def test_a_paused_run_takes_tokens_and_begins_them_when_it_goes_on(bridge: Bridge) -> None:
@@ -262,6 +322,10 @@ def test_that_a_run_is_lost_is_told_to_those_alone_that_take_something_from_the_
     assert {(sent.space, sent.outcome) for sent in told if isinstance(sent, SendEnd)} == {(302, LOST)}
     assert len(told) == 60
     assert bridge.holder.forgettable() == []
+    for sent in told:
+        assert isinstance(sent, SendEnd)
+        bridge.holder.fetched(sent.run_id, 1e9)
+    assert bridge.holder.forgettable() == [], "another bridge has not heard of it"
     for sent in told:
         assert isinstance(sent, SendEnd)
         bridge.holder.end_told(sent, 1e9)

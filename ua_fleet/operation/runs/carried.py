@@ -395,7 +395,7 @@ class CarriedRuns:
     def _show_fetched(self, run: FollowedRun) -> None:
         """Write down and show what was fetched, in the order in which it happened."""
         is_late = self._clock() >= run.fetched_at + ORDER_S
-        if run.fetched and (is_late or all(asked.is_caught_up for asked in run.bridges.values())):
+        if run.fetched and (is_late or all(asked.is_caught_up or asked.is_complete for asked in run.bridges.values())):
             run.fetched.sort(key=lambda fact: fact.at)
             self._service.note(run.run_id, run.fetched)
             run.fetched = []
@@ -545,6 +545,8 @@ class CarriedRuns:
             asked.problem = report.message or "it does not answer"
             if word is Word.FETCH and outcome.kind is OutcomeKind.REFUSED and report.status == StatusCode.BAD_NOT_FOUND:
                 asked.beginning = Beginning.UNKNOWN
+                if run.closed is not None:  # it has forgotten the run, or its folder is another one: it does nothing
+                    asked.is_complete, asked.problem = True, ""
             asked.next_at = self._clock() + AGAIN_S
             if outcome.kind is OutcomeKind.REFUSED and phase is run.phase is CarriedPhase.OFFERING:
                 run.until = self._clock()  # what was refused once is refused again

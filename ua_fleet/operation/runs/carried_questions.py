@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from ua_fleet.carrying.words import encode_words
 from ua_fleet.operation.runs.decision_words import decode_decision
@@ -18,7 +18,11 @@ from ua_fleet.resilience import Aborted, RankingChanged
 from ua_fleet.skill.executions import OutcomeKind, RequestOutcome, unpack
 from ua_fleet.values import Quality, quality_of
 
-__all__ = ["Ask", "BridgesAnswered", "CarriedQuestions", "is_good"]
+__all__ = ["MOST_OVER", "Ask", "BridgesAnswered", "CarriedQuestions", "is_good"]
+
+MOST_OVER: Final = 64
+"""Decisions of a run that are over and still known: more than the last ones that a bridge tells again with each page.
+One that is told again after that is not shown, since it is over."""
 
 BridgesAnswered = Callable[[str, str], None]
 """Told once what became of it: why no bridge has taken it, or an empty text and what the bridge has answered."""
@@ -60,7 +64,7 @@ class CarriedQuestions:
         """
         self._names, self._ask, self._show = names, ask, show
         self._shown: dict[str, dict[str, DecisionChanged]] = {}
-        """The decisions of each run by their ids, as they were shown last."""
+        """The decisions of each run by their ids, as they were told last: those that are open, and the last others."""
 
     def answer(
         self, run_id: str, spaces: Iterable[int], step: str, answer: str, by: str, said: BridgesAnswered
@@ -110,7 +114,11 @@ class CarriedQuestions:
             before = shown.get(decision_id)
             if changed != before and (before is not None or isinstance(changed.event, RankingChanged)):
                 self._show(changed)
+            shown.pop(decision_id, None)  # it is the last one now
             shown[decision_id] = changed
+        over = [each for each, changed in shown.items() if not isinstance(changed.event, RankingChanged)]
+        for decision_id in over[: max(0, len(over) - MOST_OVER)]:
+            del shown[decision_id]
 
     def end(self, run_id: str) -> None:
         """A run has ended: nobody has to decide anything for it."""

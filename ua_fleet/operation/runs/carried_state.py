@@ -52,7 +52,7 @@ class AskedBridge:
     has_refused: bool = False
     """Whether it has refused to be told that another one is off: it may know that the run is over."""
     last: int = 0
-    """The number that the bridge gives the last fact which was fetched."""
+    """The number of the bridge up to which its facts were fetched."""
     told: int = 0
     """How many facts its DataSet told of when all were fetched that it had."""
     is_caught_up: bool = False
@@ -66,7 +66,7 @@ class AskedBridge:
     beginning: Beginning = Beginning.UNSAID
     """What it has said of the beginning of the run, where it was asked for that."""
     is_complete: bool = False
-    """Whether it knows that the run is over, does nothing for it, and has no more facts."""
+    """Whether it knows that the run is over or does not know the run any more, does nothing, and has no more facts."""
 
     @property
     def may_take(self) -> bool:

@@ -23,7 +23,12 @@ from ua_fleet.scenario.facts import (
     decode_fact,
     encode_fact,
 )
-from ua_fleet.skill.executions import RequestOutcome
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome
+from ua_fleet.values import StatusCode
+
+NOT_KNOWN = RequestOutcome(
+    OutcomeKind.REFUSED, ExecutionReport(ExecutionState.FAILED, StatusCode.BAD_NOT_FOUND, "the run is not known here")
+)
 
 
 def adopted(folder: Path, *, is_told: bool = True) -> str:
@@ -164,6 +169,23 @@ def test_a_server_that_is_started_again_tells_a_bridge_that_was_off_how_bridges_
     last.go(6.0)
     (told,) = [content for space, word, content in last.bridges.contents if (space, word) == (301, Word.END)]
     assert decode_words(told)["outcome"] == outcome.value
+
+
+def test_a_run_that_is_over_ends_though_a_bridge_does_not_know_it_any_more(tmp_path: Path) -> None:
+    world = Carried(tmp_path, 3)
+    run_id = world.begin()
+    world.bridges.does[302, Word.FETCH] = NOT_KNOWN
+    world.go(6.0)
+    assert "c2: the run is not known here" in world.reason()
+    assert world.carried.has(run_id), "nobody has said that it is over"
+    step = StepEnded(40.0, "1", StepState.DONE)
+    world.bridges.does |= {
+        (300, Word.FETCH): page(encode_fact(step), closed="done"),
+        (301, Word.FETCH): page(closed="done"),
+    }
+    world.go(6.0)
+    assert [fact.outcome for fact in world.facts(RunEnded)] == [RunOutcome.DONE]
+    assert step in world.service.facts_of(run_id), "what the others have told is written down before"
 
 
 def test_a_run_for_which_one_bridge_has_waited_too_long_can_be_aborted_alone(tmp_path: Path) -> None:

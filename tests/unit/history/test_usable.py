@@ -29,8 +29,7 @@ class Indexed(list[Row]):
 
     def __getitem__(self, index: Any) -> Any:
         self.taken += 1
-        row: Any = super().__getitem__(index)
-        return row
+        return super().__getitem__(int(index))
 
 
 class Counted(ListSeries):

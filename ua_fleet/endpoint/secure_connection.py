@@ -20,7 +20,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from ua_fleet.endpoint.certificates import thumbprint
+from ua_fleet.endpoint.certificates import UNREADABLE, thumbprint
 from ua_fleet.endpoint.channel_keys import make_keys, policy_of
 from ua_fleet.endpoint.chunks import (
     HEAD,
@@ -262,7 +262,11 @@ class CheckedConnection(SecureConnection):
         if mode is not None and looked is not None and looked[0] is matching and looked[1] == peer_certificate:
             return  # the policy is that of the first look, which the message was decrypted by
         chain = split_chain(peer_certificate or b"")
-        key = chain[0].public_key()
+        try:
+            key = chain[0].public_key()
+        except UNREADABLE as error:
+            reason = f"the certificate's key cannot be read ({error!s:.100})"
+            raise CertificateRefused(StatusCodes.BadCertificateInvalid, reason) from error
         if not isinstance(key, rsa.RSAPublicKey) or not MIN_KEY_BITS <= key.key_size <= MAX_KEY_BITS:
             raise CertificateRefused(StatusCodes.BadCertificatePolicyCheckFailed, "the key is too short or no RSA")
         if mode is None:

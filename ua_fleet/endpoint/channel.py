@@ -17,6 +17,7 @@ from typing import Any, Final, NoReturn
 from asyncua import ua
 from asyncua.common.connection import TransportLimits
 from asyncua.common.utils import Buffer
+from asyncua.crypto import uacrypto
 from asyncua.crypto.security_policies import SecurityPolicyFactory
 from asyncua.server.internal_server import InternalServer
 from asyncua.ua.ua_binary import header_from_binary, uatcp_to_binary
@@ -54,6 +55,10 @@ _OPENED: Final = struct.Struct("<IIIqI")
 _ERROR: Final[Any] = ua.MessageType.Error
 _OPEN: Final[Any] = ua.MessageType.SecureOpen
 _CLOSE: Final[Any] = ua.MessageType.SecureClose
+_uacrypto: Final[Any] = uacrypto
+"""Its types do not have its exception."""
+_WRONG_SIGNATURE: Final = (InvalidSignature, _uacrypto.InvalidSignature)
+"""Of a message that opens a channel, and of any other: asyncua has a class of its own for those."""
 _CHUNKS_BEFORE_AUTHENTICATION: Final = 16
 _ABORTS_BEFORE_AUTHENTICATION: Final = 16
 
@@ -216,7 +221,7 @@ class Channel:
                     )
                 )
                 return None
-        except InvalidSignature as error:
+        except _WRONG_SIGNATURE as error:
             raise FrameError(StatusCodes.BadSecurityChecksFailed, "a wrong signature") from error
         except ua.UaStatusCodeError as error:
             raise FrameError(error.code, name_of(error.code)) from error

@@ -143,6 +143,17 @@ class CheckedConnection(SecureConnection):
             self.local_nonce, self.remote_nonce = used.local_nonce, used.remote_nonce
         super()._check_sym_header(security_hdr)
 
+    def revolve_tokens(self) -> None:
+        """Begin with a new token.
+
+        Messages under the one before are not taken any more, and so its keys open nothing: asyncua would try them where
+        those of the new token do not fit.
+        """
+        super().revolve_tokens()
+        crypto: Any = self.security_policy.symmetric_cryptography
+        if type(crypto) is not CryptographyNone:
+            crypto.Prev_Verifier = crypto.Prev_Decryptor = None
+
     def take(self, frame: bytes) -> Message | None:
         """The message of a frame that is the next one, whole, and under the token in use; None for any other frame.
 
@@ -211,8 +222,6 @@ class CheckedConnection(SecureConnection):
     def _opening_keys(self, crypto: Any) -> ChunkKeys:
         if type(crypto) is CryptographyNone:
             return NO_KEYS
-        if crypto.Prev_Decryptor is not None:
-            crypto.revolved_expired_key()
         of, keys = self._opening
         if of is not crypto.Verifier:
             keys = keys_of(crypto.Verifier, crypto.Decryptor, encrypted=crypto.is_encrypted)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from asyncua.crypto import security_policies
 
-from tests.integration.server_security.harness import Client, Door, bad, send, ua
+from tests.integration.server_security.harness import Client, Door, bad, lose, send, ua
 from tests.integration.server_security.test_limits import create_subscription, monitored
 from tests.integration.server_security.test_sessions import open_channel
 from tests.integration.server_security.test_subscriptions import create_items, publish, values
@@ -173,3 +174,42 @@ async def test_a_channel_is_renewed_only_for_our_own_certificate(hardened: Door)
     client.security_policy.peer_certificate = b"another certificate"
     assert await refused_opening(client, hardened, renew=True) == ["BadCertificateInvalid"]
     await leave(client)
+
+
+def messages_refused(hardened: Door, seen: int) -> list[str]:
+    """The StatusCodes of the frames that were refused since the audit log had so many lines."""
+    return [line["status"] for line in hardened.audit()[seen:] if line.get("what") == "message"]
+
+
+async def test_a_new_token_is_not_taken_under_the_keys_of_the_one_before(hardened: Door) -> None:
+    """asyncua tries the keys before where a signature is wrong, for as long as they would have lasted."""
+    client = await hardened.client()
+    await client.connect()
+    protocol: Any = client.uaclient.protocol
+    protocol.revolve_security_token = lambda: None
+    connection = protocol._connection
+    keys: Any = connection.security_policy.symmetric_cryptography
+    before = keys.Signer, keys.Encryptor
+    await client.open_secure_channel(renew=True)
+    assert await read_plain(client, hardened) == 7.0  # the response was still under way
+    connection.revolve_tokens()
+    assert await read_plain(client, hardened) == 7.0
+    keys.Signer, keys.Encryptor = before
+    seen = len(hardened.audit())
+    assert await bad(read_plain(client, hardened)) in ("BadSecurityChecksFailed", "closed")
+    assert messages_refused(hardened, seen) == ["BadSecurityChecksFailed"]
+    assert not hardened.server.context.mistakes.text()
+    await lose(client)
+
+
+async def test_a_message_with_a_wrong_signature_is_the_clients_mistake(hardened: Door) -> None:
+    client = await hardened.client()
+    await client.connect()
+    protocol: Any = client.uaclient.protocol
+    crypto: Any = security_policies
+    protocol._connection.security_policy.symmetric_cryptography.Signer = crypto.SignerHMac256(bytes(32))
+    seen = len(hardened.audit())
+    assert await bad(read_plain(client, hardened)) in ("BadSecurityChecksFailed", "closed")
+    assert messages_refused(hardened, seen) == ["BadSecurityChecksFailed"]
+    assert not hardened.server.context.mistakes.text()
+    await lose(client)

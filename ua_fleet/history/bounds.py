@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from operator import itemgetter
 from typing import Final, NamedTuple
@@ -85,6 +86,12 @@ class Points:
         They are found once: a page has thousands of intervals, and two usable rows may be a hundred thousand apart.
         """
         return self.settings.usable(self.rows)
+
+    @cached_property
+    def numbers(self) -> Points:
+        """The same, but that a Good or Uncertain value that is no number (NaN) is none, and Bad."""
+        rows = [row if row.value == row.value else Row(row.time, BAD, 0, None) for row in self.rows]
+        return Points(rows, self.settings)
 
     def usable_before(self, time: int) -> tuple[int, Row] | None:
         """The last row before a time that is not Bad, and its index."""
@@ -176,8 +183,11 @@ def _between(points: Points, row: Row, after: Row | None, time: int, *, stepped:
 
 
 def _on_line(first: Row, second: Row, time: int) -> float | int:
-    value = first.value + (second.value - first.value) * ((time - first.time) / (second.time - first.time))
-    return float(value) if first.type in (BuiltinType.FLOAT, BuiltinType.DOUBLE) else round(value)
+    rise, part, whole = second.value - first.value, time - first.time, second.time - first.time
+    if first.type in (BuiltinType.FLOAT, BuiltinType.DOUBLE):
+        return float(first.value + rise * (part / whole))
+    value: int = round(first.value + Fraction(rise * part, whole))  # no Double holds all of Int64
+    return value
 
 
 def _estimate(time: int, kind: int, value: object, *, uncertain: bool) -> Bound:

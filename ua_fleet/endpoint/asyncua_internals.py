@@ -23,6 +23,7 @@ _USED: Final[Mapping[str, tuple[str, ...]]] = {
         "SecureConnection.receive_from_header_and_body(header, body)",
         "SecureConnection.message_to_binary(message, message_type, request_id)",
         "SecureConnection.open(params, server)",
+        "SecureConnection.revolve_tokens()",
         "SecureConnection.select_policy(uri, peer_certificate, mode)",
         "SecureConnection.set_policy_factories(policies)",
         "TransportLimits(max_recv_buffer, max_send_buffer, max_chunk_count, max_message_size)",
@@ -30,7 +31,6 @@ _USED: Final[Mapping[str, tuple[str, ...]]] = {
     "asyncua.common.utils": ("Buffer(data, start_pos, size)", "ServiceError(code)"),
     "asyncua.crypto.security_policies": (
         "Cryptography(mode)",
-        "Cryptography.revolved_expired_key()",
         "CryptographyNone()",
         "DecryptorAesCbc(key, init_vec)",
         "EncryptorAesCbc(key, init_vec)",

@@ -70,6 +70,7 @@ UNREADABLE: Final = (
     ValueError,
     TypeError,
     UnsupportedAlgorithm,
+    x509.InvalidVersion,
     x509.DuplicateExtension,
     x509.UnsupportedGeneralNameType,
 )
@@ -174,7 +175,7 @@ def load_certificate(path: Path) -> x509.Certificate:
         if data.lstrip().startswith(b"-----BEGIN"):
             return x509.load_pem_x509_certificate(data)
         return x509.load_der_x509_certificate(data)
-    except (OSError, ValueError) as error:
+    except (OSError, *UNREADABLE) as error:
         raise CertificateError(f"{path}: no readable certificate ({error})") from error
 
 

@@ -17,6 +17,7 @@ from typing import Any, Final, NoReturn
 from asyncua import ua
 from asyncua.common.connection import TransportLimits
 from asyncua.common.utils import Buffer
+from asyncua.crypto import uacrypto
 from asyncua.crypto.security_policies import SecurityPolicyFactory
 from asyncua.server.internal_server import InternalServer
 from asyncua.ua.ua_binary import header_from_binary, uatcp_to_binary
@@ -47,6 +48,8 @@ __all__ = ["Channel"]
 _HELLO: Final = b"HEL"
 _HELLO_AT: Final = 8
 """Where the body of a Hello begins."""
+_CHANNEL_ID: Final = slice(8, 12)
+"""Where the SecureChannelId of an OpenSecureChannel is (OPC 10000-6 6.7.2)."""
 _ACKNOWLEDGE: Final = struct.Struct("<4sI5I")
 """Message type and kind of chunk, size, ProtocolVersion, sizes of buffers, MaxMessageSize, MaxChunkCount."""
 _OPENED: Final = struct.Struct("<IIIqI")
@@ -54,6 +57,10 @@ _OPENED: Final = struct.Struct("<IIIqI")
 _ERROR: Final[Any] = ua.MessageType.Error
 _OPEN: Final[Any] = ua.MessageType.SecureOpen
 _CLOSE: Final[Any] = ua.MessageType.SecureClose
+_uacrypto: Final[Any] = uacrypto
+"""Its types do not have its exception."""
+_WRONG_SIGNATURE: Final = (InvalidSignature, _uacrypto.InvalidSignature)
+"""Of a message that opens a channel, and of any other: asyncua has a class of its own for those."""
 _CHUNKS_BEFORE_AUTHENTICATION: Final = 16
 _ABORTS_BEFORE_AUTHENTICATION: Final = 16
 
@@ -103,6 +110,7 @@ class Channel:
         """Bytes that the client takes in one response (Hello, OPC 10000-6 7.1.2.3); 0 for any number."""
         self._authenticated = False
         self.expires_at = float("inf")
+        """When the token that was issued last has expired, used or not; then the connection ends."""
         self.output: list[bytes] = []
         """What is to be sent, in order; the owner takes it."""
 
@@ -216,7 +224,7 @@ class Channel:
                     )
                 )
                 return None
-        except InvalidSignature as error:
+        except _WRONG_SIGNATURE as error:
             raise FrameError(StatusCodes.BadSecurityChecksFailed, "a wrong signature") from error
         except ua.UaStatusCodeError as error:
             raise FrameError(error.code, name_of(error.code)) from error
@@ -228,9 +236,11 @@ class Channel:
         return Message(int(message.SequenceHeader().RequestId), bytes(message.body()))
 
     def _check_receiver(self, frame: bytes) -> OpenHeader:
-        """The header of an OpenSecureChannel for our certificate; another one is refused, and told of."""
+        """The header of an OpenSecureChannel for our certificate and this channel; another is refused, and told of."""
         header = check_open_header(frame)
         try:
+            if self.is_open and int.from_bytes(frame[_CHANNEL_ID], "little") != self.channel_id:
+                raise FrameError(StatusCodes.BadTcpSecureChannelUnknown, "a renewal of another channel")
             self._secure.check_receiver(header)
         except FrameError:
             certificate = (header.certificate or b"")[:MAX_CHAIN_BYTES]
@@ -304,10 +314,10 @@ class Channel:
         self.expires_at = time.monotonic() + lifetime * 1.25
         lifetime_ms = int(lifetime * 1000)
         if request.renewal:
-            result = self._secure.open(_parameters(request, lifetime_ms), self._iserver)
+            result = self._secure.renew(_parameters(request, lifetime_ms), self._iserver, self.expires_at)
             opened = _opened(result.SecurityToken, result.ServerNonce)
         else:
-            self._secure.issue(request.nonce, lifetime_ms, self._iserver.get_new_channel_id())
+            self._secure.issue(request.nonce, lifetime_ms, self._iserver.get_new_channel_id(), self.expires_at)
             opened = _opened(self._secure.security_token, self._secure.local_nonce)
         if self._most_chunks:
             # How much a chunk holds depends on the policy.

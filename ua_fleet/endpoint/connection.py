@@ -251,6 +251,8 @@ class TcpConnection(asyncio.BufferedProtocol):
             handler.refuse(error)
         finally:
             self.close()
+            # What stands behind a connection refers to itself: it would keep the buffer until garbage is collected.
+            self._buffer, self._start, self._end = memoryview(b""), 0, 0
             await handler.closed()
 
     async def _next_frame(self, handler: Handler) -> bytes | None:

@@ -23,7 +23,7 @@ from ua_fleet.endpoint.node_builder import HISTORY_READ
 from ua_fleet.endpoint.stack import DECODE_ERRORS, AttributeIds, Refusal, StatusCodes, status
 from ua_fleet.endpoint.users import Role, User
 from ua_fleet.errors import StorageUnavailable
-from ua_fleet.history.events import EventPage, EventPosition, first_position, read_events
+from ua_fleet.history.events import BrokenEvent, EventPage, EventPosition, first_position, read_events
 from ua_fleet.history.raw import RawRead
 from ua_fleet.history.rows import Row, Series
 
@@ -114,6 +114,8 @@ class EventRequest:
         if most_rows > 0:
             page = await history.look_at_events(look, audit=self._user.role.covers(Role.ENGINEER))
             self._steps -= max(page.looked * cost, _LOOK_STEPS)
+            for reason in page.broken:
+                self._context.mistakes.caught("history", StorageUnavailable(reason))
         else:
             page = EventPage([], at or first_position(read), 0)
         data = len(page.events).to_bytes(4, "little") + b"".join(page.events)
@@ -146,7 +148,7 @@ def _page(
             event = past_event(row)
             return _fields(event, wanted.select, whole) if wanted.passes(event) else None
         except _BROKEN as error:
-            raise StorageUnavailable(f"an event of the history is broken ({error})") from error
+            raise BrokenEvent(f"{type(error).__name__}: {error!s:.100}") from error
 
     return read_events(series, read, at, chosen, most=MOST_EVENTS, room=room, most_rows=most_rows)
 

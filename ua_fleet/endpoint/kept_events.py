@@ -14,8 +14,8 @@ from asyncua.ua.ua_binary import variant_from_binary
 from ua_fleet.endpoint.answers import Misfit
 from ua_fleet.endpoint.binary.builtin import encode_content, encode_variant
 from ua_fleet.endpoint.convert import ticks_of
-from ua_fleet.endpoint.stack import ObjectIds, ns0
-from ua_fleet.history.events import KeptEvent, encode_event
+from ua_fleet.endpoint.stack import DECODE_ERRORS, ObjectIds, ns0
+from ua_fleet.history.events import BrokenEvent, KeptEvent, encode_event
 from ua_fleet.history.rows import Row
 from ua_fleet.values import datetime_from_ticks
 
@@ -81,11 +81,14 @@ class PastEvent:
         return self._kept.field(name)
 
     def variant(self, name: str) -> ua.Variant:
-        """A field; null for none."""
+        """A field; null for none. Raises BrokenEvent, which no filter takes for an event that does not pass."""
         found = self._decoded.get(name)
         if found is None:
             data = self._kept.field(name)
-            found = self._decoded[name] = _NO_FIELD if data is None else variant_from_binary(Buffer(data))
+            try:
+                found = self._decoded[name] = _NO_FIELD if data is None else variant_from_binary(Buffer(data))
+            except DECODE_ERRORS as error:
+                raise BrokenEvent(f"{name}: {error!s:.100}") from error
         return found
 
     def __getattr__(self, name: str) -> Any:

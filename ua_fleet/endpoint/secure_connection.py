@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import secrets
+import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from ua_fleet.endpoint.certificates import thumbprint
+from ua_fleet.endpoint.certificates import UNREADABLE, thumbprint
 from ua_fleet.endpoint.channel_keys import make_keys, policy_of
 from ua_fleet.endpoint.chunks import (
     HEAD,
@@ -73,6 +74,8 @@ class _Renewed:
     """A token of a renewal, and what its keys are made of."""
 
     token: Any
+    expires_at: float
+    """When messages under it are not taken any more, as `time.monotonic` counts."""
     local_nonce: Any
     remote_nonce: Any
 
@@ -94,6 +97,8 @@ class CheckedConnection(SecureConnection):
         self.aborted = 0
         """Messages that the client has given up in the middle."""
         self._last_token_id = 0
+        self._expires_at = 0.0
+        """Of the token in use, however many wait: their client need not use them."""
         self._renewed: OrderedDict[int, _Renewed] = OrderedDict()
         """Tokens that were issued and not used yet, by their ids."""
         self._looked: tuple[SecurityPolicyFactory, bytes | None] | None = None
@@ -102,13 +107,14 @@ class CheckedConnection(SecureConnection):
         self._sealing: tuple[Any, ChunkKeys] = (None, NO_KEYS)
         """What asyncua verifies or signs by, and the keys that were made of it."""
 
-    def issue(self, nonce: bytes, lifetime_ms: int, channel_id: int) -> None:
+    def issue(self, nonce: bytes, lifetime_ms: int, channel_id: int, expires_at: float) -> None:
         """Issue the channel's first token.
 
         Args:
             nonce: the client's.
             lifetime_ms: of the token, as it was revised.
             channel_id: of the channel, as nobody else has it.
+            expires_at: when messages under it are not taken any more, as `time.monotonic` counts.
         """
         policy: Any = self.security_policy
         own = secrets.token_bytes(policy.secure_channel_nonce_length)
@@ -116,19 +122,19 @@ class CheckedConnection(SecureConnection):
         token: Any = self.security_token
         token.TokenId, token.ChannelId, token.RevisedLifetime = _FIRST_TOKEN_ID, channel_id, lifetime_ms
         token.CreatedAt = datetime.now(UTC)
-        self._last_token_id = _FIRST_TOKEN_ID
+        self._last_token_id, self._expires_at = _FIRST_TOKEN_ID, expires_at
         if policy.URI != NONE_URI:
             make_keys(policy, own, nonce, lifetime_ms)
         self._open = True
 
-    def open(self, params: Any, server: Any) -> Any:
-        """Renew the channel's token: each token has an id and nonces of its own."""
-        result = super().open(params, server)
+    def renew(self, params: Any, server: Any, expires_at: float) -> Any:
+        """Renew the channel's token: each token has an id, nonces and a time of its own; see `issue`."""
+        result = self.open(params, server)
         # asyncua counts from the token in use, so that two renewals in a row would share one id.
         self._last_token_id = self._last_token_id % 0xFFFF_FFFF + 1
         token: Any = self.next_security_token
         token.TokenId = self._last_token_id
-        self._renewed[self._last_token_id] = _Renewed(token, self.local_nonce, self.remote_nonce)
+        self._renewed[self._last_token_id] = _Renewed(token, expires_at, self.local_nonce, self.remote_nonce)
         if len(self._renewed) > _MOST_RENEWED:
             self._renewed.popitem(last=False)
         return result
@@ -139,9 +145,22 @@ class CheckedConnection(SecureConnection):
             # The first message under a token: those before it are over.
             while self._renewed.popitem(last=False)[1] is not used:
                 pass
-            self.next_security_token = used.token
+            self.next_security_token, self._expires_at = used.token, used.expires_at
             self.local_nonce, self.remote_nonce = used.local_nonce, used.remote_nonce
         super()._check_sym_header(security_hdr)
+        if time.monotonic() > self._expires_at:
+            raise FrameError(StatusCodes.BadSecureChannelTokenUnknown, "under a token that has expired")
+
+    def revolve_tokens(self) -> None:
+        """Begin with a new token.
+
+        Messages under the one before are not taken any more, and so its keys open nothing: asyncua would try them where
+        those of the new token do not fit.
+        """
+        super().revolve_tokens()
+        crypto: Any = self.security_policy.symmetric_cryptography
+        if type(crypto) is not CryptographyNone:
+            crypto.Prev_Verifier = crypto.Prev_Decryptor = None
 
     def take(self, frame: bytes) -> Message | None:
         """The message of a frame that is the next one, whole, and under the token in use; None for any other frame.
@@ -159,6 +178,7 @@ class CheckedConnection(SecureConnection):
             or channel_id != token.ChannelId
             or self._incoming_parts
             or len(frame) > self._limits.max_recv_buffer
+            or time.monotonic() > self._expires_at
         ):
             return None
         crypto: Any = self.security_policy.symmetric_cryptography
@@ -211,8 +231,6 @@ class CheckedConnection(SecureConnection):
     def _opening_keys(self, crypto: Any) -> ChunkKeys:
         if type(crypto) is CryptographyNone:
             return NO_KEYS
-        if crypto.Prev_Decryptor is not None:
-            crypto.revolved_expired_key()
         of, keys = self._opening
         if of is not crypto.Verifier:
             keys = keys_of(crypto.Verifier, crypto.Decryptor, encrypted=crypto.is_encrypted)
@@ -262,7 +280,11 @@ class CheckedConnection(SecureConnection):
         if mode is not None and looked is not None and looked[0] is matching and looked[1] == peer_certificate:
             return  # the policy is that of the first look, which the message was decrypted by
         chain = split_chain(peer_certificate or b"")
-        key = chain[0].public_key()
+        try:
+            key = chain[0].public_key()
+        except UNREADABLE as error:
+            reason = f"the certificate's key cannot be read ({error!s:.100})"
+            raise CertificateRefused(StatusCodes.BadCertificateInvalid, reason) from error
         if not isinstance(key, rsa.RSAPublicKey) or not MIN_KEY_BITS <= key.key_size <= MAX_KEY_BITS:
             raise CertificateRefused(StatusCodes.BadCertificatePolicyCheckFailed, "the key is too short or no RSA")
         if mode is None:

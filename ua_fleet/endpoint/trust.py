@@ -91,7 +91,7 @@ def _split_chain(data: bytes) -> tuple[x509.Certificate, ...]:
             end = offset + _der_length(data[offset : offset + 6])
             chain.append(x509.load_der_x509_certificate(data[offset:end]))
             offset = end
-    except (ValueError, TypeError, IndexError) as error:
+    except (IndexError, *UNREADABLE) as error:
         raise CertificateRefused(INVALID, f"the certificate cannot be read ({error})") from error
     if not chain:
         raise CertificateRefused(INVALID, "there is no certificate")

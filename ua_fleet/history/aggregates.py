@@ -6,6 +6,8 @@ tables leave a choice:
 * A value with Bad_NoData is a mark that there was none; it counts as no value.
 * The last value of a series holds for 1 ms, which is the resolution of durations (the 10,001 ms of table A.29).
 * Count is 0 and Good for an interval within the data that has no value.
+* A Double or Float that is no number (NaN) counts as Bad for what calculates with values. It is a value for Count and
+  DurationGood, and a line from or to it is NaN.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import pairwise
+from math import isnan, nan
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -90,11 +93,15 @@ def calculate(aggregate: Aggregate, points: Points, interval: Interval, extent: 
         interval: the stretch of time.
         extent: of the whole series.
     """
-    if extent is None or not _touches(interval, extent):
-        if extent is not None and interval.high > extent.last and aggregate in _EXTRAPOLATED:
-            return _FUNCTIONS[aggregate](points, interval, extent)
+    if extent is None:
         return no_data(interval.stamp)
-    return _FUNCTIONS[aggregate](points, interval, extent)
+    is_behind = interval.high > extent.last and aggregate in _EXTRAPOLATED
+    if not is_behind and not _touches(interval, extent):
+        return no_data(interval.stamp)
+    row = _FUNCTIONS[aggregate](points, interval, extent)
+    if aggregate in NEEDS_NUMBERS and row.value != row.value:
+        return _FUNCTIONS[aggregate](points.numbers, interval, extent)
+    return row
 
 
 def _touches(interval: Interval, extent: Extent) -> bool:
@@ -189,7 +196,10 @@ def _extreme(
         counted = _count(points, interval)
         if not counted.good:
             return no_data(interval.stamp)
-        value = choose([row.value for row in counted.good])
+        values = [row.value for row in counted.good]
+        if isnan(sum(values)) and any(map(isnan, values)):  # whatever `choose` says, by where it stands
+            return Row(interval.stamp, 0, counted.good[0].type, nan)
+        value = choose(values)
         at = [row for row in counted.good if row.value == value]
         uncertain = bool(counted.bad) or any(is_beyond(row.value, value) for row in counted.uncertain)
         is_raw = not uncertain and any(row.time == interval.stamp for row in at)

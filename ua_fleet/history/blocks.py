@@ -155,7 +155,7 @@ def _encode_row(row: Row | None) -> bytes:
             return layout.pack(0x05, kind, value, time)
         if (layout := _WITH_STATUS.get(kind)) is not None:
             return layout.pack(0x07, kind, value, status, time)
-    except struct.error:
+    except (struct.error, OverflowError):  # the latter for what is no Float on a line that goes on
         return _NO_VALUE.pack(0x06, _BAD_ENCODING, time)
     if not kind:
         return _NO_VALUE.pack(0x06, status, time)

@@ -10,10 +10,12 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
 from operator import itemgetter
 from typing import Final, NamedTuple
 
-from ua_fleet.history.rows import BAD_NO_DATA, UNCERTAIN_DATA_SUB_NORMAL, HistoryBits, Row, is_number, with_bits
+from ua_fleet.history.rows import BAD, BAD_NO_DATA, UNCERTAIN_DATA_SUB_NORMAL, HistoryBits, Row, is_number, with_bits
 from ua_fleet.values import BuiltinType, Quality, quality_of
 
 __all__ = ["Bound", "Points", "Settings", "interpolated_bound", "no_data", "simple_bound"]
@@ -45,8 +47,19 @@ class Settings:
             return Quality.BAD
         return quality
 
+    def usable(self, rows: Sequence[Row]) -> Sequence[int]:
+        """Where the values are that do not count as Bad."""
+        statuses = list(map(_STATUS, rows))
+        if not any(statuses):  # as nearly always
+            return range(len(rows))
+        limit = _UNCERTAIN if self.treat_uncertain_as_bad else BAD
+        return [index for index, status in enumerate(statuses) if status < limit]
 
+
+_UNCERTAIN: Final = 0x4000_0000
+"""StatusCodes below this are Good, and those below `BAD` Good or Uncertain."""
 _TIME: Final = itemgetter(Row._fields.index("time"))
+_STATUS: Final = itemgetter(Row._fields.index("status"))
 
 
 class Points:
@@ -66,19 +79,35 @@ class Points:
         index = bisect_left(self.times, time)
         return self.rows[index] if index < len(self.rows) and self.times[index] == time else None
 
+    @cached_property
+    def _usable(self) -> Sequence[int]:
+        """Indices of the rows that are not Bad.
+
+        They are found once: a page has thousands of intervals, and two usable rows may be a hundred thousand apart.
+        """
+        return self.settings.usable(self.rows)
+
+    @cached_property
+    def numbers(self) -> Points:
+        """The same, but that a Good or Uncertain value that is no number (NaN) is none, and Bad."""
+        rows = [row if row.value == row.value else Row(row.time, BAD, 0, None) for row in self.rows]
+        return Points(rows, self.settings)
+
     def usable_before(self, time: int) -> tuple[int, Row] | None:
         """The last row before a time that is not Bad, and its index."""
-        for index in range(bisect_left(self.times, time) - 1, -1, -1):
-            if self.settings.quality(self.rows[index]) is not Quality.BAD:
-                return index, self.rows[index]
-        return None
+        at = bisect_left(self._usable, bisect_left(self.times, time)) - 1
+        if at < 0:
+            return None
+        index = self._usable[at]
+        return index, self.rows[index]
 
     def usable_after(self, time: int) -> tuple[int, Row] | None:
         """The first one after it."""
-        for index in range(bisect_right(self.times, time), len(self.rows)):
-            if self.settings.quality(self.rows[index]) is not Quality.BAD:
-                return index, self.rows[index]
-        return None
+        at = bisect_left(self._usable, bisect_right(self.times, time))
+        if at == len(self._usable):
+            return None
+        index = self._usable[at]
+        return index, self.rows[index]
 
 
 class Bound(NamedTuple):
@@ -154,8 +183,11 @@ def _between(points: Points, row: Row, after: Row | None, time: int, *, stepped:
 
 
 def _on_line(first: Row, second: Row, time: int) -> float | int:
-    value = first.value + (second.value - first.value) * ((time - first.time) / (second.time - first.time))
-    return float(value) if first.type in (BuiltinType.FLOAT, BuiltinType.DOUBLE) else round(value)
+    rise, part, whole = second.value - first.value, time - first.time, second.time - first.time
+    if first.type in (BuiltinType.FLOAT, BuiltinType.DOUBLE):
+        return float(first.value + rise * (part / whole))
+    value: int = round(first.value + Fraction(rise * part, whole))  # no Double holds all of Int64
+    return value
 
 
 def _estimate(time: int, kind: int, value: object, *, uncertain: bool) -> Bound:

@@ -14,15 +14,15 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from ua_fleet.errors import StorageUnavailable
 from ua_fleet.history.raw import RawRead
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import BAD_DATA_LOST, EARLIEST, LATEST, MOST_READ_BYTES, Row, Rows, Series
-from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, NodeId
+from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, NodeId, datetime_from_ticks
 
 __all__ = [
     "AUDIT_EVENTS",
     "EVENTS",
+    "BrokenEvent",
     "EventPage",
     "EventPosition",
     "EventRecorder",
@@ -164,6 +164,10 @@ class EventPosition(NamedTuple):
     """Rows of this very time that come before it."""
 
 
+class BrokenEvent(Exception):
+    """A row that holds no event, or one with a field that cannot be read. It costs nobody another event."""
+
+
 class EventPage(NamedTuple):
     """A part of the answer."""
 
@@ -173,6 +177,8 @@ class EventPage(NamedTuple):
     """Where the next part begins."""
     looked: int
     """Rows that were looked at."""
+    broken: Sequence[str] = ()
+    """Why some of them were left out, in one line each."""
 
 
 def read_events(
@@ -191,7 +197,7 @@ def read_events(
         series: of events.
         read: a valid request, without bounds.
         at: where to go on; None: at its beginning.
-        chosen: what the client gets of an event; None for one that it does not want.
+        chosen: what the client gets of an event; None for one that it does not want. Raises BrokenEvent.
         most: events of a page of this server.
         room: bytes that the events may take.
         most_rows: how many are looked at: a page of a filter that few events pass may be empty, and have a rest.
@@ -199,18 +205,25 @@ def read_events(
     most = min(most, read.most) if read.most else most
     low, high = _extent(read)
     events: list[bytes] = []
+    broken: list[str] = []
     looked = 0
     for row, position in _rows(series, low, high, at, backward=read.backward):
         if looked == most_rows:
-            return EventPage(events, position, looked)
+            return EventPage(events, position, looked, broken)
         looked += 1
-        if not low <= _found_at(row) <= high or (event := chosen(row)) is None:
+        try:
+            event = chosen(row) if low <= _found_at(row) <= high else None
+        except BrokenEvent as error:
+            time = datetime_from_ticks(row.time)
+            broken.append(f"the event of the history at {time} is broken ({error}), and left out")
+            continue
+        if event is None:
             continue
         room -= len(event)
         if len(events) == most or room < 0:
-            return EventPage(events, position, looked)
+            return EventPage(events, position, looked, broken)
         events.append(event)
-    return EventPage(events, None, looked)
+    return EventPage(events, None, looked, broken)
 
 
 def first_position(read: RawRead) -> EventPosition:
@@ -238,14 +251,14 @@ def _found_at(row: Row) -> int:
     """The time by which an event is found: its Time, where the row stands there but for a moment.
 
     Raises:
-        StorageUnavailable: the row is broken.
+        BrokenEvent: the row is broken.
     """
     if row.value is None:
         return row.time
     try:
         time: int = _HEAD.unpack_from(row.value)[1]
     except (struct.error, TypeError) as error:
-        raise StorageUnavailable(f"an event of the history is broken ({error})") from error
+        raise BrokenEvent(str(error)) from error
     return time if abs(row.time - time) <= MOST_LATER else row.time
 
 

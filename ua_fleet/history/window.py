@@ -10,7 +10,7 @@ from ua_fleet.history.rows import BAD_NO_DATA, EARLIEST, LATEST, Row, Series
 from ua_fleet.values import Quality
 from ua_fleet.wire.builtin import FIXED
 
-__all__ = ["MOST_CUTS", "MOST_ROWS", "Extent", "Piece", "extent_of", "piece", "window"]
+__all__ = ["MOST_CUTS", "MOST_ROWS", "SEARCHED", "Extent", "Piece", "extent_of", "piece", "window", "without_value"]
 
 MOST_ROWS: Final = 200_000
 """Of one interval, and of a page but for its last piece: 40 MB, for a moment."""
@@ -58,7 +58,7 @@ def piece(series: Series, low: int, high: int, most: int, *, backward: bool, wit
     cuts = 0
     while True:
         part = series.between(low, high, most + 1 - len(found), backward=backward)
-        found += part if with_values else map(_without_value, part)
+        found += part if with_values else map(without_value, part)
         is_large = part.is_cut and len(found) <= most
         cuts += part.is_cut
         if with_values or not is_large or cuts >= MOST_CUTS:
@@ -73,7 +73,8 @@ def piece(series: Series, low: int, high: int, most: int, *, backward: bool, wit
     return Piece(found[::-1] if backward else found, reaches, is_large, cuts)
 
 
-def _without_value(row: Row) -> Row:
+def without_value(row: Row) -> Row:
+    """A row without its value, but for one of a fixed size."""
     return row if row.type in FIXED else row._replace(value=None)
 
 

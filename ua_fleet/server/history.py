@@ -11,7 +11,6 @@ once it is full is counted and marked.
 from __future__ import annotations
 
 import asyncio
-import gc
 import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -80,19 +79,6 @@ async def open_history(
         executor.shutdown()
         raise
     return HistoryService(store, executor, rules, int(config.megabytes * MEGABYTE), mistakes)
-
-
-def _uncollected(work: Callable[[Series], Found], series: Series) -> Found:
-    """Do work on rows without garbage collection. None of them is in a cycle, and to look for cycles among those of a
-    day takes more than half of the time in which they are read; work on them is bounded.
-    """
-    if not gc.isenabled():  # another has paused it, and sees to the rest
-        return work(series)
-    gc.disable()
-    try:
-        return work(series)
-    finally:
-        gc.enable()
 
 
 class HistoryService:
@@ -360,7 +346,7 @@ class HistoryService:
             await asyncio.wait([self._writing])
         if len(self._backlog) and not self._away:
             await asyncio.wait([self._write(self._loop.time())])
-        return await self._loop.run_in_executor(self._executor, lambda: _uncollected(work, of(store)))
+        return await self._loop.run_in_executor(self._executor, lambda: work(of(store)))
 
     async def in_thread(self, work: Callable[[], Any]) -> Any:
         """Do work in the thread that has the store, between its other work."""

@@ -43,6 +43,8 @@ _FREE_LOGS: Final = 8
 """So many times as much as a log has to be free on the disk for it to get its length at once."""
 _LOCK_WAIT_S: Final = 1.0
 """How long the end of a process that still holds the file is waited for."""
+_NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT)
+_FAULTY: Final = (errno.EIO, errno.ENXIO, errno.ENODEV)
 _FULL: Final = (sqlite3.SQLITE_FULL,)
 _LOCKED: Final = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 _BROKEN: Final = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
@@ -212,7 +214,7 @@ class Database:
             os.pwrite(log, bytes(max(0, _LOG_BYTES - length)), length)
             os.fdatasync(log)
         except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            if error.errno not in _NO_ROOM:
                 raise
         finally:
             os.close(log)
@@ -346,7 +348,11 @@ def _errors(path: Path) -> Generator[None]:
         raise StorageUnavailable(_said(path, error)) from error
     except OSError as error:
         reason = error.strerror or str(error)
-        remedy = "free some space" if error.errno == errno.ENOSPC else "look at the rights of its folder"
+        remedy = "look at the rights of its folder"
+        if error.errno in _NO_ROOM:
+            remedy = "free some space"
+        elif error.errno in _FAULTY:
+            remedy = "look at the disk"
         raise StorageUnavailable(f"{path}: {reason}; {remedy}") from error
 
 

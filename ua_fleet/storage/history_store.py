@@ -18,7 +18,7 @@ from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import EARLIEST, LATEST, MOST_READ_BYTES, Rows
 from ua_fleet.history.store import BOUNDED, BOUNDED_PART, cut_of, node_of, node_text, over_limit_text
 from ua_fleet.storage.database import Database, Run, Statement
-from ua_fleet.storage.decoded_blocks import BLOCK_BYTES, BLOCK_ROWS, BROKEN, OVERDUE, ROUND, DecodedBlocks
+from ua_fleet.storage.decoded_blocks import BLOCK_BYTES, BLOCK_ROWS, BROKEN, OVERDUE, ROUND, DecodedBlocks, uncollected
 from ua_fleet.values import TICKS_PER_SECOND, NodeId
 
 __all__ = ["HISTORY_FILE", "SqliteHistory"]
@@ -251,17 +251,20 @@ class SqliteHistory:
         """Rows of a node, as `Series.between`, added to `found`."""
         if first > last or not found.room or not number:
             return found
-        last = min(last, LATEST)
+        with uncollected():
+            self._add(found, number, first, min(last, LATEST), backward=backward)
+        return found
+
+    def _add(self, found: Rows, number: int, first: int, last: int, *, backward: bool) -> None:
         if backward:
             self._add_rows(found, number, first, last, backward=True)
         if found.room:
             for (start,) in self._database.rows(_BLOCKS[backward], (number, last, first)):
                 self._add_block(found, (number, start), first, last, backward=backward)
                 if not found.room:
-                    return found
+                    return
         if not backward:
             self._add_rows(found, number, first, last, backward=False)
-        return found
 
 
 class SqliteSeries:

@@ -16,7 +16,7 @@ from ua_fleet.history.blocks import decode_value, encode_block, encode_value
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import EARLIEST, LATEST, MOST_READ_BYTES, Rows
 from ua_fleet.history.store import BOUNDED, BOUNDED_PART, cut_of, node_of, node_text, over_limit_text
-from ua_fleet.storage.decoded_blocks import BLOCK_BYTES, BLOCK_ROWS, BROKEN, OVERDUE, ROUND, DecodedBlocks
+from ua_fleet.storage.decoded_blocks import BLOCK_BYTES, BLOCK_ROWS, BROKEN, OVERDUE, ROUND, DecodedBlocks, uncollected
 from ua_fleet.storage.postgres import TENDING_S, Connection, PostgresDatabase
 from ua_fleet.storage.postgres_tables import (
     BLOCKS,
@@ -301,7 +301,8 @@ class PostgresHistory:
             room_bytes = found.room_bytes
             rows = await connection.fetch(ROWS[backward], found.room, room_bytes, number, first, last)
             try:
-                found.take(decode_value(*row) for row in rows)
+                with uncollected():
+                    found.take(decode_value(*row) for row in rows)
             except BROKEN as error:
                 raise self._broken(error) from error
             if sum(len(value) for _, _, value in rows) <= room_bytes:
@@ -330,9 +331,10 @@ class PostgresHistory:
         while found.room:
             limit = min(_BLOCKS_READ, 1 + found.room // 500)
             blocks = await connection.fetch(BLOCKS[backward], limit, _BLOCKS_BYTES, number, low, high, first)
-            for start, data in blocks:
-                self._add_block(found, (number, start), data, first, last, backward=backward)
-                low, high = (low, start - 1) if backward else (start + 1, high)
+            with uncollected():
+                for start, data in blocks:
+                    self._add_block(found, (number, start), data, first, last, backward=backward)
+                    low, high = (low, start - 1) if backward else (start + 1, high)
             if len(blocks) < limit and sum(len(data) for _, data in blocks) <= _BLOCKS_BYTES:
                 break
         if not backward:

@@ -24,7 +24,8 @@ from tests.integration.server_model.harness import (
 from tests.integration.server_model.test_alarms import ACKNOWLEDGE, ALARM, event_filter, robots, say, text, watching
 from tests.integration.server_model.test_history import SPEED_NODE, ask, attribute_of, raw, told
 from ua_fleet.history.events import AUDIT_EVENTS, EVENTS, EventRecorder, KeptEvent, encode_event
-from ua_fleet.history.rows import EARLIEST, LATEST
+from ua_fleet.history.rows import EARLIEST, LATEST, Row
+from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.storage.history_store import HISTORY_FILE, SqliteHistory
 from ua_fleet.values import BuiltinType, ticks_from_datetime
@@ -332,3 +333,28 @@ def test_the_configuration_of_events(value: Any) -> None:
         return
     with pytest.raises(Exception, match=r"days|hours"):
         fleet_config("opc.udp://224.0.2.14:4840", 4840, history={"events": value})
+
+
+async def test_a_broken_event_costs_no_other(
+    udp_url: str, tcp_port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is a mistake, which is counted, logged and shown in the health."""
+    mistakes: list[tuple[str, str]] = []
+
+    def caught(_mistakes: Mistakes, loop: str, error: BaseException, **_ids: object) -> None:
+        mistakes.append((loop, str(error).partition(" at ")[0]))
+
+    monkeypatch.setattr(Mistakes, "caught", caught)
+    begin = datetime.now(UTC) - timedelta(hours=1)
+    stored(tmp_path, *(begin + timedelta(minutes=minute) for minute in range(5)))
+    with contextlib.closing(SqliteHistory(tmp_path / "state" / HISTORY_FILE)) as store:
+        for minute, data in ((5, b"broken"), (6, encode_event(7, {"Severity": b"\x05\x01", "Message": b"\x15\xff"}))):
+            ticks = ticks_from_datetime(begin + timedelta(minutes=minute))
+            store.write([(EVENTS, Row(ticks, 0, 15, data))], ticks)
+    config = fleet_config(udp_url, tcp_port, robots=robots(), history={})
+    async with serving(tmp_path, config) as running, running.client() as client:
+        over = begin + timedelta(minutes=10)
+        where = [element(ua.FilterOperator.LessThan, field("Severity"), literal(4, ua.VariantType.UInt16))]
+        found = await events_of(client, reading(begin, over, evfilter=selecting("Message", where=where)))
+        assert [message.Text for (message,) in found] == ["event 0", "event 1", "event 2", "event 3"]
+    assert mistakes == [("history", "the event of the history")] * 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import hashlib
 import time
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,8 @@ from typing import Any
 import pytest
 from asyncua.crypto import security_policies
 
-from tests.integration.server_security.harness import CLIENT_URI, Door, Identities, bad, door, load, ua
-from ua_fleet.endpoint.certificates import CertificateState, list_certificates, thumbprint, trust
+from tests.integration.server_security.harness import CLIENT_URI, Door, Identities, Raw, bad, door, load, ua
+from ua_fleet.endpoint.certificates import CertificateState, list_certificates, own_files, thumbprint, trust
 from ua_fleet.endpoint.channel import Channel
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -82,6 +83,33 @@ async def test_unsound_certificates_are_refused_though_trusted(
     trust(hardened.state_dir, files.certificate)
     assert await connects(hardened, name) == "BadSecurityChecksFailed"
     assert [line for line in hardened.audit() if line.get("what") == "certificate"][-1]["status"] == status
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes"),
+    [
+        (bytes.fromhex("2a864886f70d010101"), bytes.fromhex("2a864886f70d01017f")),  # the algorithm of its key
+        (bytes.fromhex("a003020102"), bytes.fromhex("a003020105")),  # its version
+    ],
+)
+async def test_a_certificate_that_cannot_be_read_is_the_strangers_mistake(
+    hardened: Door, was: bytes, becomes: bytes
+) -> None:
+    certificate = hardened.identities.client.certificate.read_bytes()
+    assert certificate.count(was) == 1
+    own = hashlib.sha1(own_files(hardened.state_dir).certificate.read_bytes(), usedforsecurity=False).digest()
+    parts = security_policies.SecurityPolicyBasic256Sha256.URI.encode(), certificate.replace(was, becomes), own
+    body = bytes(4) + b"".join(len(part).to_bytes(4, "little") + part for part in parts) + bytes(256)
+    async with Raw.open(hardened.server.port) as raw:
+        raw.hello()
+        await raw.answer()
+        raw.write(b"OPNF" + (8 + len(body)).to_bytes(4, "little") + body)
+        answer = await raw.answer()
+    assert (answer[:4], answer[8:12].hex()) == (b"ERRF", "00001380")
+    assert [line for line in hardened.audit() if line.get("what") == "certificate"][-1]["status"] == (
+        "BadCertificateInvalid"
+    )
+    assert not hardened.server.context.mistakes.text()
 
 
 @pytest.mark.usefixtures("slow_collection")

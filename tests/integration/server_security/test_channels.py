@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import pytest
+from asyncua.crypto import security_policies
 
-from tests.integration.server_security.harness import Client, Door, bad, send, ua
+from tests.integration.server_security.harness import Client, Door, bad, lose, send, ua
 from tests.integration.server_security.test_limits import create_subscription, monitored
 from tests.integration.server_security.test_sessions import open_channel
 from tests.integration.server_security.test_subscriptions import create_items, publish, values
@@ -173,3 +175,112 @@ async def test_a_channel_is_renewed_only_for_our_own_certificate(hardened: Door)
     client.security_policy.peer_certificate = b"another certificate"
     assert await refused_opening(client, hardened, renew=True) == ["BadCertificateInvalid"]
     await leave(client)
+
+
+def messages_refused(hardened: Door, seen: int) -> list[str]:
+    """The StatusCodes of the frames that were refused since the audit log had so many lines."""
+    return [line["status"] for line in hardened.audit()[seen:] if line.get("what") == "message"]
+
+
+async def test_a_new_token_is_not_taken_under_the_keys_of_the_one_before(hardened: Door) -> None:
+    """asyncua tries the keys before where a signature is wrong, for as long as they would have lasted."""
+    client = await hardened.client()
+    await client.connect()
+    protocol: Any = client.uaclient.protocol
+    protocol.revolve_security_token = lambda: None
+    connection = protocol._connection
+    keys: Any = connection.security_policy.symmetric_cryptography
+    before = keys.Signer, keys.Encryptor
+    await client.open_secure_channel(renew=True)
+    assert await read_plain(client, hardened) == 7.0  # the response was still under way
+    connection.revolve_tokens()
+    assert await read_plain(client, hardened) == 7.0
+    keys.Signer, keys.Encryptor = before
+    seen = len(hardened.audit())
+    assert await bad(read_plain(client, hardened)) in ("BadSecurityChecksFailed", "closed")
+    assert messages_refused(hardened, seen) == ["BadSecurityChecksFailed"]
+    assert not hardened.server.context.mistakes.text()
+    await lose(client)
+
+
+async def test_a_message_with_a_wrong_signature_is_the_clients_mistake(hardened: Door) -> None:
+    client = await hardened.client()
+    await client.connect()
+    protocol: Any = client.uaclient.protocol
+    crypto: Any = security_policies
+    protocol._connection.security_policy.symmetric_cryptography.Signer = crypto.SignerHMac256(bytes(32))
+    seen = len(hardened.audit())
+    assert await bad(read_plain(client, hardened)) in ("BadSecurityChecksFailed", "closed")
+    assert messages_refused(hardened, seen) == ["BadSecurityChecksFailed"]
+    assert not hardened.server.context.mistakes.text()
+    await lose(client)
+
+
+async def test_a_channel_is_renewed_only_under_its_own_id(hardened: Door) -> None:
+    """OPC 10000-6 6.7.2: an id that is not the channel's is an error."""
+    client = await hardened.client()
+    await client.connect_sessionless()
+    protocol: Any = client.uaclient.protocol
+    token = protocol._connection.security_token
+    token.ChannelId += 12_345
+    seen = len(hardened.audit())
+    assert await bad(client.open_secure_channel(renew=True)) in ("BadTcpSecureChannelUnknown", "closed")
+    assert messages_refused(hardened, seen) == ["BadTcpSecureChannelUnknown"]
+    await leave(client)
+
+
+class Later:
+    """The time of the server, some seconds ahead."""
+
+    def __init__(self) -> None:
+        self.ahead_s = 0.0
+
+    def monotonic(self) -> float:
+        return time.monotonic() + self.ahead_s
+
+
+@pytest.fixture
+def later(monkeypatch: pytest.MonkeyPatch) -> Later:
+    """The clock of tokens, not the one of the connections that they belong to."""
+    clock = Later()
+    for module in ("channel", "secure_connection"):
+        monkeypatch.setattr(f"ua_fleet.endpoint.{module}.time", clock)
+    return clock
+
+
+@pytest.mark.parametrize("number", [1, 3])
+async def test_a_token_expires_though_its_client_renews(hardened: Door, later: Later, number: int) -> None:
+    """It is good for a quarter of its lifetime more (OPC 10000-4 5.5.2.1), whatever other tokens there are."""
+    client = await hardened.client()
+    client.secure_channel_timeout = 60_000
+    await client.connect()
+    await client._cancel_task(client._renew_channel_task)
+    protocol: Any = client.uaclient.protocol
+    protocol.revolve_security_token = lambda: None
+    later.ahead_s = 74.0
+    for _ in range(number):
+        await client.open_secure_channel(renew=True)
+    assert await read_plain(client, hardened) == 7.0
+    later.ahead_s = 76.0
+    await client.open_secure_channel(renew=True)
+    seen = len(hardened.audit())
+    assert await bad(read_plain(client, hardened)) in ("BadSecureChannelTokenUnknown", "closed")
+    assert messages_refused(hardened, seen) == ["BadSecureChannelTokenUnknown"]
+    await lose(client)
+
+
+async def test_a_client_that_renews_and_says_nothing_goes_on_under_its_last_token(hardened: Door, later: Later) -> None:
+    client = await hardened.client()
+    client.secure_channel_timeout = 60_000
+    await client.connect()
+    await client._cancel_task(client._renew_channel_task)
+    protocol: Any = client.uaclient.protocol
+    protocol.revolve_security_token = lambda: None
+    for _ in range(10):
+        later.ahead_s += 45.0
+        await client.open_secure_channel(renew=True)
+    protocol._connection.revolve_tokens()
+    assert await read_plain(client, hardened) == 7.0
+    later.ahead_s += 76.0
+    assert await bad(read_plain(client, hardened)) in ("BadSecureChannelTokenUnknown", "closed")
+    await lose(client)

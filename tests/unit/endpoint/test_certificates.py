@@ -284,6 +284,9 @@ def test_trust_list_follows_its_folder(state: tuple[Path, CertificateFiles]) -> 
 def test_chains_are_split(made: tuple[Path, CertificateFiles]) -> None:
     data = made[1].certificate.read_bytes()
     assert len(split_chain(data * 3)) == 3
+    version_6 = data.replace(b"\xa0\x03\x02\x01\x02", b"\xa0\x03\x02\x01\x05", 1)
+    with pytest.raises(CertificateRefused, match="version"):
+        split_chain(version_6)
     for wrong in (b"", b"0", b"\x30\x80", b"\x30\x83\xff\xff\xff", data[:-1], data + b"x", data * 6, b"\x00" * 20_000):
         with pytest.raises(CertificateRefused):
             split_chain(wrong)

@@ -178,6 +178,22 @@ async def test_a_refused_opening_ends_the_connection_and_leaves_no_garbage() -> 
         gc.enable()
 
 
+@pytest.mark.parametrize("ends", ["lost", "cut off", "refused"])
+async def test_an_ended_connection_has_no_buffer_while_something_still_refers_to_it(ends: str) -> None:
+    """What stands behind it refers to itself, and stays until garbage is collected: 9,000 buffers took 595 MB."""
+    wired = Wired()
+    wired.receive(HELLO)
+    assert len(wired.connection.get_buffer(-1)) == CHUNK_BYTES
+    if ends == "lost":
+        wired.connection.connection_lost(None)
+    elif ends == "cut off":
+        wired.connection.abort()
+    else:
+        wired.receive(frame(b"GET"))
+    await asyncio.gather(*wired.tasks)
+    assert len(wired.connection.get_buffer(-1)) == 0
+
+
 async def test_a_mistake_of_ours_is_the_tasks() -> None:
     wired = Wired()
     wired.handler.failure = ZeroDivisionError

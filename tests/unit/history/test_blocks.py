@@ -80,6 +80,15 @@ def test_clients_see_data_values() -> None:
     assert cursor.remaining == 0
 
 
+@pytest.mark.parametrize("value", [3.5e38, -1e300])
+@pytest.mark.parametrize("status", [0, 0x40A4_0402])
+def test_what_is_too_large_for_its_type_is_told_by_its_time(value: float, status: int) -> None:
+    """A line through two Floats goes on as far as a client asks."""
+    data, count = encode_rows([Row(7, status, int(BuiltinType.FLOAT), value)], 100, 100)
+    assert count == 1
+    assert decode_data_value(Cursor(data, 4)) == DataValue(None, StatusCode.BAD_ENCODING_ERROR, 7)
+
+
 def test_as_many_values_as_fit() -> None:
     rows = [Row(time, 0, int(BuiltinType.DOUBLE), 1.0) for time in range(10)]
     data, count = encode_rows(rows, 4 + 3 * 18 + 17, 1000)

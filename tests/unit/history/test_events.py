@@ -8,11 +8,11 @@ import struct
 import pytest
 
 from tests.unit.history.series import FewBytes
-from ua_fleet.errors import StorageUnavailable
 from ua_fleet.history.events import (
     AUDIT_EVENTS,
     EVENTS,
     MOST_LATER,
+    BrokenEvent,
     EventPosition,
     EventRecorder,
     KeptEvent,
@@ -23,7 +23,7 @@ from ua_fleet.history.events import (
 )
 from ua_fleet.history.raw import RawRead
 from ua_fleet.history.rows import BAD_DATA_LOST, ListSeries, Row
-from ua_fleet.values import TICKS_PER_SECOND, BuiltinType
+from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, datetime_from_ticks
 
 S = TICKS_PER_SECOND
 NOW = 134_000_000_000_000_000
@@ -130,10 +130,30 @@ def test_a_restart_is_marked_whatever_the_clock_says(last: int, stopped_at: int)
 
 
 @pytest.mark.parametrize("value", [b"", b"\x01\x00\x00", "text", 5.0])
-def test_a_row_that_is_no_event_is_told_as_a_broken_store(value: object) -> None:
-    series = ListSeries([Row(NOW, 0, 15, value)])
-    with pytest.raises(StorageUnavailable, match="an event of the history is broken"):
-        read(series, between(NOW, NOW + S))
+@pytest.mark.parametrize("backward", [False, True])
+def test_a_row_that_is_no_event_is_left_out_and_told_of(value: object, backward: bool) -> None:
+    rows = rows_of(*range(NOW, NOW + 9))
+    rows[4] = Row(NOW + 4, 0, 15, value)
+    wanted = between(NOW + 9, NOW - 1) if backward else between(NOW, NOW + 9)
+    expected = [NOW + at for at in range(9) if at != 4]
+    assert read(ListSeries(rows), wanted, most=3) == (expected[::-1] if backward else expected)
+    page = read_events(ListSeries(rows), wanted, None, told, most=MANY, room=MANY, most_rows=MANY)
+    assert (len(page.events), page.looked, page.rest) == (8, 9, None)
+    [reason] = page.broken
+    assert reason.startswith(f"the event of the history at {datetime_from_ticks(NOW + 4)} is broken (")
+
+
+def test_what_a_client_wants_of_an_event_may_be_broken() -> None:
+    def told_but_one(row: Row) -> bytes | None:
+        if row.time == NOW + 1:
+            raise BrokenEvent("no such form")
+        return told(row)
+
+    wanted = between(NOW, NOW + 9)
+    series = ListSeries(rows_of(NOW, NOW + 1, NOW + 2))
+    page = read_events(series, wanted, None, told_but_one, most=MANY, room=MANY, most_rows=MANY)
+    assert times(page.events) == [NOW, NOW + 2]
+    assert len(page.broken) == 1
 
 
 def test_a_restart_is_marked_once() -> None:

@@ -140,6 +140,29 @@ def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("code", "remedy"),
+    [
+        (errno.ENOSPC, "free some space"),
+        (errno.EDQUOT, "free some space"),
+        (errno.EIO, "look at the disk"),
+        (errno.ENXIO, "look at the disk"),
+        (errno.EACCES, "look at the rights of its folder"),
+        (errno.EROFS, "look at the rights of its folder"),
+    ],
+)
+def test_what_the_system_refuses_is_told_with_what_helps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, remedy: str
+) -> None:
+    def refused(*_: object) -> None:
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr("ua_fleet.storage.database.make_private_folder", refused)
+    with pytest.raises(StorageUnavailable) as caught:
+        opened(tmp_path / "journal.db")
+    assert str(caught.value).endswith(f"{os.strerror(code)}; {remedy}")
+
+
 def test_commits_of_one_sync_are_synced_when_they_must_be_and_at_the_end(tmp_path: Path) -> None:
     with counted_syncs() as syncs:
         database = opened(tmp_path / "journal.db")
@@ -304,7 +327,7 @@ def test_a_disk_that_cannot_be_synced_is_told_of_at_the_start(tmp_path: Path, mo
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr(os, "fdatasync", broken)
-    with pytest.raises(StorageUnavailable, match="Input/output error"):
+    with pytest.raises(StorageUnavailable, match="Input/output error; look at the disk"):
         Database(tmp_path / "journal.db", version=3, schema=SCHEMA, is_prompt=True)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import itertools
 import os
 import signal
@@ -17,7 +18,7 @@ from typing import Any
 import pytest
 
 from ua_fleet.errors import StorageUnavailable
-from ua_fleet.history.blocks import encode_block
+from ua_fleet.history.blocks import decode_value, encode_block
 from ua_fleet.history.rows import EARLIEST, LATEST, Row
 from ua_fleet.storage import history_store
 from ua_fleet.storage.history_store import HISTORY_FILE, SqliteHistory
@@ -50,6 +51,32 @@ def test_a_truncated_file_says_so(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:20_000])
     with pytest.raises(StorageUnavailable, match=r"broken|malformed"), contextlib.closing(SqliteHistory(path)) as store:
         store.series(KEY).between(EARLIEST, LATEST, 10_000)
+
+
+def test_rows_are_made_without_a_search_for_garbage_among_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / HISTORY_FILE
+    full(path)
+    was_on: list[bool] = []
+
+    def decode(*given: Any) -> Row:
+        was_on.append(gc.isenabled())
+        return decode_value(*given)
+
+    monkeypatch.setattr(history_store, "decode_value", decode)
+    with contextlib.closing(SqliteHistory(path)) as store:
+        store.series(KEY).between(EARLIEST, LATEST, 10_000)
+        assert set(was_on) == {False}
+        assert gc.isenabled()
+        gc.disable()
+        try:
+            store.series(KEY).between(EARLIEST, LATEST, 10_000)
+            assert not gc.isenabled()  # it was off before
+        finally:
+            gc.enable()
+        monkeypatch.setattr(history_store, "decode_value", lambda *_given: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            store.series(KEY).between(EARLIEST, LATEST, 10_000)
+        assert gc.isenabled()
 
 
 def test_a_block_that_is_broken_costs_the_read_and_says_so(tmp_path: Path) -> None:

@@ -37,18 +37,21 @@ JSON_PAYLOAD: Final = 4
 
 
 _NESTING: Final = (
+    BuiltinType.STATUS_CODE,
+    BuiltinType.LOCALIZED_TEXT,
     BuiltinType.EXTENSION_OBJECT,
     BuiltinType.DATA_VALUE,
     BuiltinType.VARIANT,
     BuiltinType.DIAGNOSTIC_INFO,
 )
+"""Types whose values are objects, in which values nest, or members that nobody reads."""
 
 
 class DataSetFields:
     """Reads and writes the payload of the DataSetMessages of one metadata."""
 
     may_nest: bool
-    """Whether a plan reads values that contain values. It does not look how deep."""
+    """Whether a plan reads values that are objects. It does not look how deep they nest."""
 
     planned_types: tuple[int, ...]
     """The types of what `planned` returns."""

@@ -1,7 +1,8 @@
 """The message that publishers send most, read in one go: all headers, one key frame, everything in its usual form.
 
 Whatever is not exactly as expected makes it give up (None), and the general way decides: it reads nothing that the
-general way reads otherwise. Only values of fields that may contain others are looked at for their depth.
+general way reads otherwise. Only values that are objects are looked at for their depth; headers have no member
+that is not read.
 """
 
 from __future__ import annotations
@@ -99,12 +100,12 @@ def usual_key_frame(tree: dict[str, Any], source: Source) -> KeyFrame | None:
         status = item.get("Status")
         if status is not None:
             size -= 1
-            status = _usual_number(status["Code"]) if status else _GOOD[status.__class__]
+            status = _usual_status(status) if status else _GOOD[status.__class__]
         version = item.get("MetaDataVersion")
         if version is None:
             major = minor = None
         else:
-            size -= 1
+            size -= len(version) == 2  # nobody has looked how deep other members nest
             major, minor = _usual_number(version["MajorVersion"]), _usual_number(version["MinorVersion"])
         name = item.get("DataSetWriterName")
         if name is not None:
@@ -176,6 +177,13 @@ def _values_of(fields: DataSetFields, payload: Any, limits: Limits) -> tuple[Any
 
 _GOOD: Final = {dict: 0}
 """`{}` is Good, and nothing else that is empty."""
+
+
+def _usual_status(status: Any) -> int:
+    """The Code of a Status that has no more than that and a Symbol; raises ValueError, TypeError or KeyError."""
+    if len(status) > 1 and (len(status) > 2 or status["Symbol"].__class__ is not str):
+        raise ValueError(status)
+    return _usual_number(status["Code"])
 
 
 def _usual_number(value: Any) -> int:

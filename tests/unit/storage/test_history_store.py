@@ -62,6 +62,9 @@ def test_rows_are_made_without_a_search_for_garbage_among_them(tmp_path: Path, m
         was_on.append(gc.isenabled())
         return decode_value(*given)
 
+    def broken(*_given: Any) -> Row:
+        raise ZeroDivisionError
+
     monkeypatch.setattr(history_store, "decode_value", decode)
     with contextlib.closing(SqliteHistory(path)) as store:
         store.series(KEY).between(EARLIEST, LATEST, 10_000)
@@ -73,7 +76,7 @@ def test_rows_are_made_without_a_search_for_garbage_among_them(tmp_path: Path, m
             assert not gc.isenabled()  # it was off before
         finally:
             gc.enable()
-        monkeypatch.setattr(history_store, "decode_value", lambda *_given: 1 / 0)
+        monkeypatch.setattr(history_store, "decode_value", broken)
         with pytest.raises(ZeroDivisionError):
             store.series(KEY).between(EARLIEST, LATEST, 10_000)
         assert gc.isenabled()

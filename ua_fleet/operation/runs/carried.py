@@ -614,7 +614,8 @@ class CarriedRuns:
             late = replace(run, bridges=there, phase=CarriedPhase.CLOSING, until=self._clock() + self._follow_s)
             self._late[run.run_id] = late
         self._questions.end(run.run_id)
-        self._service.note(run.run_id, [*removed, RunEnded(at, ended, said)])
+        fetched = sorted(run.fetched, key=lambda fact: fact.at)  # they may wait for those of a bridge that never came
+        self._service.note(run.run_id, [*fetched, *removed, RunEnded(at, ended, said)])
         del self._runs[run.run_id]
         for robot in run.robots:
             self._reserve(robot, "")

@@ -241,3 +241,18 @@ def test_the_heir_is_told_of_tokens_alone_that_say_something_of_what_it_gets(tmp
     told = adopted_by(world, 300)
     assert len(told.filled) < 10
     assert not world.mistakes.count, world.mistakes.text()
+
+
+def test_what_was_fetched_of_a_run_that_is_aborted_is_written_down(tmp_path: Path) -> None:
+    """Though a bridge has told nothing yet, whose facts may belong before it."""
+    world = Carried(tmp_path, 3)
+    step = StepEnded(40.0, "1", StepState.DONE)
+    world.bridges.does |= {(300, Word.FETCH): page(encode_fact(step)), (301, Word.FETCH): NOT_KNOWN}
+    run_id = world.begin()
+    world.go(2.0)
+    assert (300, Word.FETCH) in world.bridges.asked
+    assert step not in world.service.facts_of(run_id), "it waits"
+    world.carried.abort(run_id, "", "anna")
+    world.go(2.0)
+    assert not world.carried.has(run_id)
+    assert step in world.service.facts_of(run_id)

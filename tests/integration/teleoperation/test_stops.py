@@ -96,8 +96,9 @@ async def test_driven_released_and_stopped_when_setpoints_cease(hall: Hall) -> N
         assert ended - began < STOP_S + 3 * PERIOD_S + SLACK_S
         await stands(hall, last)
         assert anna.status.last_end == "anna: no setpoint was fresh for 300 ms"
-        deltas = [after.linear - before.linear for before, after in pairwise(hall.speeds("heard"))]
-        assert max(map(abs, deltas)) < 2.0 * 4 * PERIOD_S, "a jump"
+        for before, after in pairwise(hall.speeds("heard")):
+            # Three periods more: one may be heard late, and the next one not.
+            assert abs(after.linear - before.linear) < 2.0 * (after.at - before.at + 3 * PERIOD_S), "a jump"
 
 
 async def rest(driver: Driver) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from ua_fleet.carrying.steps import walked
+from ua_fleet.names import closest, listed
 from ua_fleet.scenario.facts import Fact, IterationStarted
 from ua_fleet.scenario.model import BranchPoint, Repeat, Step, Task
 
@@ -91,7 +92,7 @@ def rounds_begun(facts: Iterable[Fact]) -> dict[str, tuple[int, ...]]:
 def why_unclear(
     name: str, tasks: Iterable[Task], times: Mapping[str, int], begun: Mapping[str, tuple[int, ...]]
 ) -> str:
-    """Why what a person says with `--done` cannot be taken; empty where it can, or names no round.
+    """Why what a person says with `--done` cannot be taken; empty where it can.
 
     Args:
         name: a task, or its key, with what the person says of its round.
@@ -100,12 +101,15 @@ def why_unclear(
         begun: the newest round of repetitions, by their keys; of those of which all is known. Empty: none was begun.
     """
     named, at, said = name.partition("@")
-    if not at:
-        return ""
-    shown = repr(name[:80])
+    shown, tasks = repr(name[:80]), list(tasks)
     task = next((one for one in tasks if named in (one.name, one.key)), None)
     if task is None:
-        return f"{shown}: the bridge that is off does no such task"
+        names = [one.name for one in tasks]
+        return (
+            f"{shown}: the bridge that is off does no such task; {closest(named, names) or f'it does {listed(names)}'}"
+        )
+    if not at:
+        return ""
     if not depth_of(task.key):
         return f"{shown}: the task is in no repeat; name it without a round: --done {named}"
     if said == NO_ROUND:

@@ -206,7 +206,7 @@ async def test_an_abort_halts_what_is_under_way_and_ends_the_run_everywhere(plan
 
 async def test_a_run_is_paused_at_every_bridge_and_goes_on(plant: Plant) -> None:
     mutual(plant)
-    plant.scenario("three", THREE.replace("work: one", "work: one, seconds: 1"))
+    plant.scenario("three", THREE.replace("work: one", "work: one, seconds: 3"))
     plant.users()
     server = plant.server_process()
     bridges = {robot: plant.bridge(robot) for robot in plant.machines}

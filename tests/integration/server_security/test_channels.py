@@ -182,6 +182,15 @@ def messages_refused(hardened: Door, seen: int) -> list[str]:
     return [line["status"] for line in hardened.audit()[seen:] if line.get("what") == "message"]
 
 
+async def assert_signature_refused(client: Any, hardened: Door) -> None:
+    """The next message of a client is refused for its signature, as its own mistake."""
+    seen = len(hardened.audit())
+    assert await bad(read_plain(client, hardened)) in ("BadSecurityChecksFailed", "closed")
+    assert messages_refused(hardened, seen) == ["BadSecurityChecksFailed"]
+    assert not hardened.server.context.mistakes.text()
+    await lose(client)
+
+
 async def test_a_new_token_is_not_taken_under_the_keys_of_the_one_before(hardened: Door) -> None:
     """asyncua tries the keys before where a signature is wrong, for as long as they would have lasted."""
     client = await hardened.client()
@@ -196,11 +205,7 @@ async def test_a_new_token_is_not_taken_under_the_keys_of_the_one_before(hardene
     connection.revolve_tokens()
     assert await read_plain(client, hardened) == 7.0
     keys.Signer, keys.Encryptor = before
-    seen = len(hardened.audit())
-    assert await bad(read_plain(client, hardened)) in ("BadSecurityChecksFailed", "closed")
-    assert messages_refused(hardened, seen) == ["BadSecurityChecksFailed"]
-    assert not hardened.server.context.mistakes.text()
-    await lose(client)
+    await assert_signature_refused(client, hardened)
 
 
 async def test_a_message_with_a_wrong_signature_is_the_clients_mistake(hardened: Door) -> None:
@@ -209,11 +214,7 @@ async def test_a_message_with_a_wrong_signature_is_the_clients_mistake(hardened:
     protocol: Any = client.uaclient.protocol
     crypto: Any = security_policies
     protocol._connection.security_policy.symmetric_cryptography.Signer = crypto.SignerHMac256(bytes(32))
-    seen = len(hardened.audit())
-    assert await bad(read_plain(client, hardened)) in ("BadSecurityChecksFailed", "closed")
-    assert messages_refused(hardened, seen) == ["BadSecurityChecksFailed"]
-    assert not hardened.server.context.mistakes.text()
-    await lose(client)
+    await assert_signature_refused(client, hardened)
 
 
 async def test_a_channel_is_renewed_only_under_its_own_id(hardened: Door) -> None:

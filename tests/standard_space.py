@@ -4,7 +4,7 @@ asyncua computes for a second to make the 6,000 nodes of the standard, 0.2 s to 
 collection that the server asks for before takes up to half a second more, since a process of tests holds much. Here
 servers get copies of nodes that were made once, and nothing is collected while they start. No collection looks at what
 was there then but each twentieth start: to look at the modules of all tests takes 0.4 s. The nodes of a server that has
-ended go with the next start. Those that make a key have the same. What is a server's own is
+ended go with the next start. What is a server's own is
 made as ever: its certificate and its nodes.
 A process that is forked off one that has made them (`forking`) has them for its first server without a copy.
 """
@@ -12,7 +12,6 @@ A process that is forked off one that has made them (`forking`) has them for its
 from __future__ import annotations
 
 import asyncio
-import functools
 import gc
 import weakref
 from collections.abc import Generator
@@ -26,7 +25,6 @@ from asyncua.server.address_space import AttributeValue, NodeData
 from asyncua.server.internal_server import InternalServer
 from asyncua.server.server import Server
 from asyncua.ua.attribute_ids import AttributeIds
-from cryptography.hazmat.primitives.asymmetric import rsa
 
 from ua_fleet.endpoint import hardened_server
 from ua_fleet.endpoint.compact_nodes import HeldValue
@@ -38,7 +36,6 @@ __all__ = ["make_for_one", "quick_start"]
 _internal_server: Final[Any] = InternalServer
 _server: Final[Any] = Server
 _hardened: Final[Any] = hardened_server
-_rsa: Final[Any] = rsa
 _load: Final = _internal_server.load_standard_address_space
 _OWN: Final = (
     AttributeIds.NodeId,
@@ -171,14 +168,6 @@ async def _import_xml(server: Any, path: str | None = None, xmlstring: str | Non
 
 
 _server.import_xml = _import_xml
-_generate: Final = functools.cache(_rsa.generate_private_key)
-
-
-def _generate_private_key(*args: Any, **options: Any) -> Any:
-    return (_generate if _starting else _generate.__wrapped__)(*args, **options)
-
-
-_rsa.generate_private_key = _generate_private_key
 
 
 def make_for_one() -> None:

@@ -13,7 +13,15 @@ from ua_fleet.pubsub.metadata import NODE_ONLY, make_field, type_codes
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType
 
-__all__ = ["RUN_DATA_COUNT", "RUN_DATA_FIELDS", "RUN_DATA_HOLDS", "RUN_DATA_ID", "RUN_DATA_TYPES", "run_data_topic"]
+__all__ = [
+    "RUN_DATA_COUNT",
+    "RUN_DATA_FIELDS",
+    "RUN_DATA_HOLDS",
+    "RUN_DATA_ID",
+    "RUN_DATA_RANKING",
+    "RUN_DATA_TYPES",
+    "run_data_topic",
+]
 
 RUN_DATA_ID: Final = CARRY_ID - 1
 """Its DataSetWriterId, which no other DataSet should have."""
@@ -38,6 +46,8 @@ that the server can fetch; how the run has ended here, empty before."""
 RUN_DATA_TYPES: Final = type_codes(RUN_DATA_FIELDS)
 RUN_DATA_HOLDS: Final = 1
 """Where the segments stand of which it has the tokens."""
+RUN_DATA_RANKING: Final = slice(7, 9)
+"""Where the last ranking stands: robots, and their scores."""
 RUN_DATA_COUNT: Final = 9
 """Where the number of facts stands."""
 

@@ -27,7 +27,7 @@ async def test_who_takes_over_is_chosen_by_the_dialog_of_a_carried_run(plant: Pl
             dialog = client.get_node(f"ns=2;s=Dialogs.decision.{decision}")
             offered = client.get_node(f"ns=2;s=Dialogs.decision.{decision}.ResponseOptionSet").read_value
             # The left one is still at work for the bridge that ranks until it hears that it is not.
-            await until(offered, lambda options: [one.Text for one in options] == ["left", "right"], timeout_s=60)
+            await until(offered, lambda options: [one.Text for one in options] == ["left", "right"], timeout_s=20)
             with pytest.raises(ua.UaStatusCodeError) as refused:
                 await dialog.call_method("0:Respond", ua.Variant(2, ua.VariantType.Int32))
             assert refused.value.code == ua.StatusCodes.BadDialogResponseInvalid

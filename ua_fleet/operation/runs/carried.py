@@ -51,7 +51,7 @@ from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.orchestrator import BridgesFollowed, BridgeTold
 from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, Word, carry_topic
 from ua_fleet.pubsub.events import ActionReceived, DataReceived, SourceSilent, SubscriberEvent
-from ua_fleet.pubsub.run_data import RUN_DATA_COUNT, RUN_DATA_HOLDS, RUN_DATA_ID, RUN_DATA_TYPES
+from ua_fleet.pubsub.run_data import RUN_DATA_HOLDS, RUN_DATA_ID, RUN_DATA_TYPES
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import (
@@ -341,8 +341,7 @@ class CarriedRuns:
             return
         asked.is_heard, asked.has_token = True, bool(values[RUN_DATA_HOLDS])
         self._show_waits(run)
-        is_new = values[RUN_DATA_COUNT] > asked.told or (values[-1] and not asked.is_complete)
-        if is_new and run.phase is CarriedPhase.FOLLOWING:
+        if run.phase is CarriedPhase.FOLLOWING and asked.has_news(values):
             asked.next_at = min(asked.next_at, self._clock() + NEWS_S)
             self._sooner()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
@@ -12,6 +12,7 @@ from ua_fleet.operation.runs.adopting import Adopting
 from ua_fleet.operation.runs.carried_begun import Beginning
 from ua_fleet.operation.runs.followed_facts import FollowedFacts
 from ua_fleet.orchestrator import BridgeTold
+from ua_fleet.pubsub.run_data import RUN_DATA_COUNT, RUN_DATA_RANKING
 from ua_fleet.scenario.facts import Fact
 
 __all__ = ["AskedBridge", "BridgeNames", "CarriedPhase", "FollowedRun"]
@@ -63,6 +64,8 @@ class AskedBridge:
     """Whether its DataSet of runs is heard: then it tells when it has more."""
     has_token: bool = False
     """Whether it has one of the run, as its DataSet of runs or its answer has said last."""
+    ranking: Sequence[Any] = ()
+    """The last ranking of which its DataSet of runs has told."""
     beginning: Beginning = Beginning.UNSAID
     """What it has said of the beginning of the run, where it was asked for that."""
     is_complete: bool = False
@@ -72,6 +75,13 @@ class AskedBridge:
     def may_take(self) -> bool:
         """Whether it has still to be told in this phase, and has not just refused that."""
         return not self.is_done and not self.has_refused
+
+    def has_news(self, values: Sequence[Any]) -> bool:
+        """Whether its DataSet of runs tells of what is to be fetched. A ranking is no fact, and is told again."""
+        ranking = values[RUN_DATA_RANKING]
+        is_ranked = any(ranking) and ranking != self.ranking
+        self.ranking = ranking if is_ranked else self.ranking
+        return is_ranked or values[RUN_DATA_COUNT] > self.told or bool(values[-1] and not self.is_complete)
 
 
 @dataclass(slots=True)

@@ -201,9 +201,11 @@ class Carried(World):
         told = [one.bridges for one in self.said if isinstance(one, BridgesFollowed)][-1]
         return {f"c{space - 300}": (one.state, one.has_token) for space, one in told.items()}
 
-    def tell_token(self, space: int, run_id: str, holds: tuple[int, ...], count: int = 0) -> None:
-        """A bridge tells by its DataSet which segments it has the tokens of, and how many facts."""
-        values = (run_id, holds, (), (), (), (), "", (), (), count, "")
+    def tell_token(
+        self, space: int, run_id: str, holds: tuple[int, ...], count: int = 0, ranked: tuple[str, ...] = ()
+    ) -> None:
+        """A bridge tells by its DataSet which segments it has the tokens of, how many facts, and a ranking."""
+        values = (run_id, holds, (), (), (), (), "", ranked, (0.5,) * len(ranked), count, "")
         metadata = DataSetMetaData("Runs", RUN_DATA_FIELDS, ConfigurationVersion(1, 1))
         message = DataSetMessage(RUN_DATA_ID, FrameKind.KEY, types=RUN_DATA_TYPES, values=values, timestamp=1)
         self.carried.follow(DataReceived(run_data_topic(space, 2), message, metadata))
@@ -568,6 +570,15 @@ def test_a_bridge_says_whether_it_has_the_token_where_its_data_set_was_not_heard
     world.go(32.0)
     waits = ("answers", False)
     assert world.bridges_told() == {"c0": waits, "c1": ("answers", True), "c2": waits}
+
+
+def test_a_ranking_that_has_changed_is_fetched_soon_and_one_that_is_told_again_is_not(world: Carried) -> None:
+    run_id = world.begin()
+    world.tell_token(300, run_id, (0,))
+    world.go(6.0)
+    for ranked, is_fetched in ((("b",), True), (("b",), False), ((), False), (("b", "a"), True), (("b",), True)):
+        world.tell_token(300, run_id, (0,), ranked=ranked)
+        assert ((300, Word.FETCH) in world.asked(1.0)) is is_fetched, ranked
 
 
 def test_where_the_token_is_and_which_bridge_can_be_left_out_is_shown(world: Carried) -> None:

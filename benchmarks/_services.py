@@ -16,6 +16,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import cProfile
+import functools
 import logging
 import sys
 import time
@@ -285,12 +286,20 @@ _REQUESTS = {"Read": _read, "Write": _write, "Browse": _browse, "Call": _calls}
 
 
 def connections(url: str, folder: Path, policy: str) -> Callable[..., Any]:
-    """What makes clients that have not connected yet; with a user where they are `named`."""
+    """What makes clients that have not connected yet; with a user where they are `named`.
+
+    Their key is read once in this process. OpenSSL examines one for 30 ms, and a server that rested so long before
+    each connection begins it with cold caches: for other requests, too, one client asks as fast as it can.
+    """
     from asyncua.client.client import Client
+    from cryptography.hazmat.primitives import serialization
 
     from ua_fleet.endpoint.certificates import ensure_application_certificate
 
     files = ensure_application_certificate(folder / "client", "urn:ua-fleet:client", ["127.0.0.1"])
+    loading: Any = serialization
+    if not hasattr(loading.load_pem_private_key, "cache_info"):
+        loading.load_pem_private_key = functools.cache(loading.load_pem_private_key)
 
     async def make(*, named: bool) -> Any:
         made: Any = Client(url, timeout=60, watchdog_intervall=600)

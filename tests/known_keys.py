@@ -27,7 +27,7 @@ _load: Final[Any] = serialization.load_pem_private_key
 _load_examined: Final = functools.cache(_load)
 
 
-def _der(key: Any) -> bytes:
+def _der(key: rsa.RSAPrivateKey) -> bytes:
     return key.private_bytes(
         serialization.Encoding.DER, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )

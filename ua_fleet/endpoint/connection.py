@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Final, Protocol
 
+from ua_fleet.endpoint.arrival import Arrival
 from ua_fleet.endpoint.limits import CHUNK_BYTES
 
 __all__ = ["FrameError", "Handler", "TcpConnection"]
@@ -77,7 +78,7 @@ class TcpConnection(asyncio.BufferedProtocol):
     ) -> None:
         self._buffer = memoryview(bytearray(CHUNK_BYTES))
         self._start = self._end = 0
-        self._arrival: asyncio.Future[None] | None = None
+        self._arrival = Arrival()
         """What `_serve` waits for, while it waits for a frame."""
         self._awaited = 0
         """Bytes of that frame, as far as they are known."""
@@ -147,7 +148,7 @@ class TcpConnection(asyncio.BufferedProtocol):
         elif self._end - self._start < self._awaited:
             return
         if self._handler is None:
-            self._wake()
+            self._arrival.now()
         elif not self._opened(self._handler):
             self._begin()
 
@@ -187,8 +188,7 @@ class TcpConnection(asyncio.BufferedProtocol):
     def _wake(self) -> None:
         """Have `_serve` look at what there is now."""
         self._begin()
-        if self._arrival is not None and not self._arrival.done():
-            self._arrival.set_result(None)
+        self._arrival.soon()
 
     def eof_received(self) -> bool:
         """The client has sent all it will send."""
@@ -262,7 +262,6 @@ class TcpConnection(asyncio.BufferedProtocol):
                 return self._take(size)
             # One that comes in pieces is looked at when it has begun, and when all of it is here.
             self._awaited = size or _HEADER
-            self._arrival = asyncio.get_running_loop().create_future()
             await self._arrival
         return None
 

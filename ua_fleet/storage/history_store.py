@@ -57,6 +57,8 @@ _SIZES: Final = (
     "SELECT last, length(data) FROM block WHERE node = ? ORDER BY first DESC",
 )
 """Of a node's rows and blocks, the newest first."""
+_REMOVE_BLOCKS: Final = "DELETE FROM block WHERE node = ?1 AND first < ?2 AND last < ?2"
+"""Of a node's blocks those alone are looked at that begin before the time."""
 _ALIVE: Final = "INSERT OR REPLACE INTO meta (name, value) VALUES ('alive', ?)"
 
 
@@ -141,7 +143,8 @@ class SqliteHistory:
 
     def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
         """Compact a node, or look at the age of some."""
-        self._next_round = self._next_round or now
+        if not self._next_round or now < self._next_round - ROUND:  # the clock was set back
+            self._next_round = now
         if self._large and not (self._aged or now >= self._next_round + OVERDUE):
             number = self._large.pop()
             if self._has_many(number):
@@ -190,7 +193,7 @@ class SqliteHistory:
     def _remove_old(self, before: dict[int, int]) -> None:
         statements: list[Statement] = []
         for number, time in before.items():
-            statements.append(("DELETE FROM block WHERE node = ? AND last < ?", (number, time)))
+            statements.append((_REMOVE_BLOCKS, (number, time)))
             statements.append(("DELETE FROM row WHERE node = ? AND time < ?", (number, time)))
         self._database.commit(*statements)
         self._count_again(before)

@@ -27,7 +27,7 @@ from ua_fleet.endpoint.request import ServiceRequest, operations
 from ua_fleet.endpoint.stack import AttributeIds, Refusal, StatusCodes, shown
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.history.aggregates import Aggregate
-from ua_fleet.history.at_times import read_at_times
+from ua_fleet.history.at_times import TooMuch, read_at_times
 from ua_fleet.history.blocks import HISTORY_DATA, encode_rows
 from ua_fleet.history.bounds import Settings
 from ua_fleet.history.processed import Failure, ProcessedRead, read_processed
@@ -216,7 +216,10 @@ class HistoryServices:
 
         def look(series: Series) -> _Data:
             rows = read_at_times(series, times, settings, simple=simple)
-            data, count = encode_rows(rows, wanted.room, wanted.whole)
+            try:
+                data, count = encode_rows(rows, wanted.room, wanted.whole)
+            except TooMuch:
+                raise Refusal(StatusCodes.BadQueryTooComplex) from None
             if count < len(times):
                 raise Refusal(StatusCodes.BadEncodingLimitsExceeded)
             return _Data(data, count)

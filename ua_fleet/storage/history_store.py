@@ -57,6 +57,9 @@ _SIZES: Final = (
     "SELECT last, length(data) FROM block WHERE node = ? ORDER BY first DESC",
 )
 """Of a node's rows and blocks, the newest first."""
+_LAST_BLOCKS: Final = """SELECT node, last FROM block
+    WHERE (node, first) IN (SELECT node, max(first) FROM block GROUP BY node)"""
+"""Of each node, by the index: to read a page for each block of a large file takes minutes of a slow disk."""
 _REMOVE_BLOCKS: Final = "DELETE FROM block WHERE node = ?1 AND first < ?2 AND last < ?2"
 """Of a node's blocks those alone are looked at that begin before the time."""
 _ALIVE: Final = "INSERT OR REPLACE INTO meta (name, value) VALUES ('alive', ?)"
@@ -91,7 +94,7 @@ class SqliteHistory:
         self._ids: dict[NodeId, int] = {
             node_of(name): number for number, name in self._database.read("SELECT id, name FROM node")
         }
-        self._last: dict[int, int] = dict(self._database.read("SELECT node, max(last) FROM block GROUP BY node"))
+        self._last: dict[int, int] = dict(self._database.read(_LAST_BLOCKS))
         self._counts: dict[int, int] = {}
         for node, count, last in self._database.read("SELECT node, count(*), max(time) FROM row GROUP BY node"):
             self._counts[node] = count

@@ -236,10 +236,11 @@ class PostgresHistory:
     async def _remove_old(self, connection: Connection, before: dict[int, int]) -> None:
         """Remove the old rows of nodes that are kept for a shorter time than others."""
         numbers, times = list(before), list(before.values())
-        for table, column in (("sample", "time"), ("block", "last")):
+        for (table, by), column in zip(TABLES, ("time", "last"), strict=True):
             await connection.execute(
                 f"DELETE FROM {table} USING unnest($1::integer[], $2::bigint[]) AS old (number, before)"
-                f" WHERE node = number AND {column} < before AND {column} < {max(times):d}",
+                # The constant leaves out the partitions of later days.
+                f" WHERE node = number AND {column} < before AND {by} < {max(times):d}",
                 numbers,
                 times,
             )

@@ -28,8 +28,10 @@ from ua_fleet.values import (
 )
 
 __all__ = [
+    "ExactDateTime",
     "Unrepresentable",
     "data_value",
+    "exact_datetime",
     "fleet_value",
     "fleet_variant",
     "node_id",
@@ -40,6 +42,7 @@ __all__ = [
 ]
 
 _BUILTIN: Final = 0x3F
+_TICKS_PER_MICROSECOND: Final = 10
 
 
 class Unrepresentable(ValueError):
@@ -56,8 +59,26 @@ def node_id(key: NodeId) -> ua.NodeId:
     return raw_id(key.identifier, key.namespace)
 
 
+class ExactDateTime(datetime):
+    """A time of asyncua's, which ends at microseconds, and what it is in ticks."""
+
+    ticks: int
+
+
+def exact_datetime(ticks: int) -> datetime:
+    """What asyncua makes of ticks, such that `ticks_of` gives the same ticks again: values of the history have them."""
+    time: datetime = ua.win_epoch_to_datetime(ticks)
+    if not ticks % _TICKS_PER_MICROSECOND or ticks_of(time) != ticks - ticks % _TICKS_PER_MICROSECOND:
+        return time
+    exact = ExactDateTime.combine(time.date(), time.timetz())
+    exact.ticks = ticks
+    return exact
+
+
 def ticks_of(time: Any) -> int:
     """A time of asyncua's in ticks; 0 where none is given, and for what lies before all times."""
+    if isinstance(time, ExactDateTime):
+        return time.ticks
     if not isinstance(time, datetime):
         return 0
     return max(0, ticks_from_datetime(time.replace(tzinfo=UTC) if time.tzinfo is None else time))

@@ -25,9 +25,9 @@ from ua_fleet.endpoint.live import check_reader
 from ua_fleet.endpoint.node_builder import HISTORY_READ
 from ua_fleet.endpoint.request import ServiceRequest, operations
 from ua_fleet.endpoint.stack import AttributeIds, Refusal, StatusCodes, shown
-from ua_fleet.errors import StorageUnavailable
+from ua_fleet.errors import StorageAway, StorageUnavailable
 from ua_fleet.history.aggregates import Aggregate
-from ua_fleet.history.at_times import read_at_times
+from ua_fleet.history.at_times import TooMuch, read_at_times
 from ua_fleet.history.blocks import HISTORY_DATA, encode_rows
 from ua_fleet.history.bounds import Settings
 from ua_fleet.history.processed import Failure, ProcessedRead, read_processed
@@ -108,21 +108,25 @@ class HistoryServices:
         whole = request.session.room_for_one(self._limits.response_bytes)
         answer = ArrayResponse(ua.HistoryReadResponse, whole)
         events = self._events.request(request.user, details) if of_events else None
+        is_away = False
         for number, node in enumerate(nodes):
             if releases:
                 answer.add_small(refused(0))  # nothing is kept for them
                 continue
             code = 0
             try:
-                if events is not None:
+                if is_away:  # each try may wait for the network
+                    code = StatusCodes.BadDataUnavailable
+                elif events is not None:
                     answer.add_bytes(await _event_result(events, node, answer.left, whole))
                 else:
                     operation = self._wanted(request, node, answer.left, whole)
                     answer.add_bytes(_result(await self._read_of(details, number, nodes, wanted)(operation)))
             except Refusal as error:
                 code = error.ua_status
-            except StorageUnavailable:
+            except StorageUnavailable as error:
                 code = StatusCodes.BadDataUnavailable  # the log says why
+                is_away = isinstance(error, StorageAway)
             except Exception as error:  # noqa: BLE001 - a mistake about one node must not cost the client the others
                 self._context.mistakes.caught("history", error, node=shown(node.NodeId))
                 code = StatusCodes.BadInternalError
@@ -216,7 +220,10 @@ class HistoryServices:
 
         def look(series: Series) -> _Data:
             rows = read_at_times(series, times, settings, simple=simple)
-            data, count = encode_rows(rows, wanted.room, wanted.whole)
+            try:
+                data, count = encode_rows(rows, wanted.room, wanted.whole)
+            except TooMuch:
+                raise Refusal(StatusCodes.BadQueryTooComplex) from None
             if count < len(times):
                 raise Refusal(StatusCodes.BadEncodingLimitsExceeded)
             return _Data(data, count)

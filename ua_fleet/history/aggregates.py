@@ -207,7 +207,7 @@ def _extreme(
         if len(at) > 1:
             bits |= HistoryBits.MULTI_VALUE
         status = with_bits(UNCERTAIN_DATA_SUB_NORMAL if uncertain else 0, bits)
-        return Row(interval.stamp, status, counted.good[0].type, value)
+        return Row(interval.stamp, status, at[0].type, value)
 
     return calculate_extreme
 

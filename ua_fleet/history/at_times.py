@@ -7,19 +7,25 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from ua_fleet.history.bounds import Points, Settings, interpolated_bound, simple_bound
-from ua_fleet.history.rows import EARLIEST, LATEST, Row, Series
-from ua_fleet.history.window import SEARCHED, without_value
+from ua_fleet.history.rows import EARLIEST, LATEST, MOST_READ_BYTES, Row, Series
+from ua_fleet.history.window import MOST_CUTS, SEARCHED, without_value
 
-__all__ = ["read_at_times"]
+__all__ = ["TooMuch", "read_at_times"]
 
 _GROWTH: Final = 9
 """How many times as many rows are read next as were read in vain."""
 
 
+class TooMuch(Exception):
+    """So many bytes of values would be read for the times of one request that others wait for too long."""
+
+
 def read_at_times(series: Series, times: Iterable[int], settings: Settings, *, simple: bool) -> Iterator[Row]:
     """A value for each of the times, in their order: the one that was recorded then, or an interpolated one.
 
-    Each is looked for when it is taken, so that no more of them are in memory than an answer has room for.
+    Each is looked for when it is taken, so that no more of them are in memory than an answer has room for. Raises
+    TooMuch: large values that are not usable are looked through for each, and those that no answer has room for are
+    read all the same.
 
     Args:
         series: of the node.
@@ -48,6 +54,8 @@ class _Surroundings:
         self._times: list[int] = []
         self._usable: list[int] = []
         """The times of those that are usable."""
+        self._left = 2 * MOST_CUTS * MOST_READ_BYTES
+        """Bytes of values that may yet be read, for all times together."""
 
     def of(self, time: int) -> Points:
         """The nearest usable rows around a time, and the rows that are next to it, as far as they are found."""
@@ -77,8 +85,11 @@ class _Surroundings:
 
     def _read_on(self, most: int, *, backward: bool) -> bool:
         """Know at most so many rows more on one side; whether it is for their bytes that they are fewer."""
+        if self._left <= 0:
+            raise TooMuch
         first, last = (EARLIEST, self._low - 1) if backward else (self._high + 1, LATEST)
         found = self._series.between(first, last, most, backward=backward)
+        self._left -= MOST_READ_BYTES - found.room_bytes
         is_end = len(found) < most and not found.is_cut
         indices = self._settings.usable(found)
         usable = [found[each].time for each in indices]

@@ -90,10 +90,14 @@ class Backlog:
         self._waiting_bytes = 0
         return self._given
 
-    def taken(self) -> None:
-        """The store has them. Now that there is room, what was lost is marked, so that a kill does not hide it."""
+    def taken(self) -> list[NodeId]:
+        """The store has them. Now that there is room, what was lost is marked, so that a kill does not hide it.
+
+        Returns:
+            The nodes with such a mark at their end: what they have now follows.
+        """
         self._given = Batch([], 0)
-        self.mark_gaps()
+        return self.mark_gaps()
 
     def restore(self) -> None:
         """Put back what the store did not take."""
@@ -123,12 +127,22 @@ class Backlog:
                     self._append(key, Row(at, BAD_DATA_LOST, 0, None), _ROW_BYTES)
             last[key] = max(time, last.get(key, -1) + 1)
             self._append(key, row._replace(time=last[key]), row_bytes(row))
+        for key, since in self._lost_since.items():  # the marks of what was lost are rows that wait, too
+            if key not in last and (before := stored.get(key)) is not None:
+                since = max(before + 1, min(since, stopped_at))
+            last[key] = self._lost_since[key] = max(since, last.get(key, -1) + 1)
         return last
 
-    def mark_gaps(self) -> None:
-        """Add the marks of what was lost, one for each node, whether there is room or not: no row may come to do it."""
-        for key in list(self._lost_since):
+    def mark_gaps(self) -> list[NodeId]:
+        """Add the marks of what was lost, one for each node, whether there is room or not: no row may come to do it.
+
+        Returns:
+            These nodes.
+        """
+        keys = list(self._lost_since)
+        for key in keys:
             self._mark(key)
+        return keys
 
     def _full(self, size: int, part: int) -> Full | None:
         """Why a row of so many bytes has no room in such a part of it."""

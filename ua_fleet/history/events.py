@@ -71,6 +71,8 @@ class KeptEvent:
         self._places = _places_of(data[_HEAD.size : begin])
         self._lengths: tuple[int, ...] = struct.unpack_from(f"<{count}I", data, begin)
         self._at, self._data = begin + 4 * count, data
+        if self._at + sum(self._lengths) != len(data):  # clients get the bytes of fields as they are
+            raise ValueError(f"an event of {len(data)} bytes with fields up to {self._at + sum(self._lengths)}")
 
     @property
     def names(self) -> Iterable[str]:

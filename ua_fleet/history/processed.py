@@ -102,9 +102,10 @@ def read_processed(series: Series, read: ProcessedRead, first: int, most: int) -
         within = found.rows[bisect_left(found.rows, low, key=_TIME) : bisect_right(found.rows, high, key=_TIME)]
         if read.aggregate in NEEDS_NUMBERS and not has_numbers(within):
             return Failure(is_too_much=False)
-        points = window(series, within, low, high, read.settings)
         # The bounds of a TimeAverage are values, too, also where none is within.
-        if read.aggregate is Aggregate.TIME_AVERAGE and not has_numbers(points.rows):
+        by_bounds = read.aggregate is Aggregate.TIME_AVERAGE
+        points = window(series, within, low, high, read.settings, of_numbers=by_bounds)
+        if by_bounds and not has_numbers(points.rows):
             return Failure(is_too_much=False)
         made = [calculate(read.aggregate, points, one, extent) for one in rest]
         rows += made

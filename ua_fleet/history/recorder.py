@@ -5,14 +5,15 @@
     another quality, type  -> kept at once, after what waits
 
 The times of a node's rows strictly increase. A row has the SourceTimestamp of its value. The server's time stands in
-its place where that is no later than the row before (the same value becomes Bad, since its robot is silent), or lies in
-the future (a robot's clock is wrong): a series in disorder could not be read.
+its place where that is no later than the row before (the same value becomes Bad, since its robot is silent), or where a
+robot's clock is wrong. In the future: a series in disorder could not be read. Further back than rows are kept: it would
+be removed at once.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import count
 from typing import Any, Final
 
@@ -27,12 +28,13 @@ Kept = tuple[NodeId, Row]
 """A row to store, and whose it is."""
 MOST_AHEAD: Final = 60 * TICKS_PER_SECOND
 """How far a robot's clock may be ahead of the server's."""
+_DAY: Final = 86_400 * TICKS_PER_SECOND
 
 
 class _Node:
     """What is known of one node."""
 
-    __slots__ = ("after", "due", "held", "last", "rule")
+    __slots__ = ("after", "due", "held", "kept_at", "last", "listed", "rule")
 
     def __init__(self, rule: Rule, after: int) -> None:
         self.rule = rule
@@ -44,6 +46,10 @@ class _Node:
         """The last one that came since, and was not kept."""
         self.due: int | None = None
         """When that is to be kept, where it is another value."""
+        self.kept_at = 0
+        """When the last row was kept, by the server's clock."""
+        self.listed: int | None = None
+        """For when it is in the list of those that are due: there once, however often another value came and went."""
 
 
 class Recorder:
@@ -76,24 +82,24 @@ class Recorder:
         row = Row(self._time(node, change.source_timestamp, wall), change.status, change.type, change.value)
         last, rule = node.last, node.rule
         if last is None:
-            return self._keep(key, node, [*self._gap(key, row.time), row])
+            return self._keep(key, node, [*self._gap(key, row.time), row], wall)
         if row.status != last.status or row.type != last.type:
-            return self._keep(key, node, [row] if node.held is None else [node.held, row])
+            return self._keep(key, node, [row] if node.held is None else [node.held, row], wall)
         if is_same(last, row, rule.deadband):
             node.due, node.held = None, row
             if rule.at_least_each_s and row.time - last.time >= rule.at_least_each_s * TICKS_PER_SECOND:
-                return self._keep(key, node, [row])
+                return self._keep(key, node, [row], wall)
             return []
         if rule.at_most_each_s:
-            due = last.time + int(rule.at_most_each_s * TICKS_PER_SECOND)
-            if row.time < due:
+            pause = int(rule.at_most_each_s * TICKS_PER_SECOND)
+            if row.time < last.time + pause:
                 node.held = row
                 if node.due is None:
-                    node.due = due
-                    heapq.heappush(self._due, (due, next(self._order), key))
+                    node.due = node.kept_at + pause
+                    self._list(key, node, node.due)
                 return []
-            return self._keep(key, node, [row])
-        return self._keep(key, node, [row] if node.held is None else [node.held, row])
+            return self._keep(key, node, [row], wall)
+        return self._keep(key, node, [row] if node.held is None else [node.held, row], wall)
 
     def put_behind(self, stored: Mapping[NodeId, int], stopped_at: int, waiting: Mapping[NodeId, int]) -> None:
         """Go on behind what a store has that was not known so far.
@@ -120,8 +126,15 @@ class Recorder:
         while self._due and self._due[0][0] <= wall:
             due, _, key = heapq.heappop(self._due)
             node = self._nodes.get(key)
-            if node is not None and node.due == due and node.held is not None:
-                kept += self._keep(key, node, [node.held])
+            if node is None or node.listed != due:
+                continue
+            node.listed = None
+            if node.due is None or node.held is None:
+                continue
+            if node.due > wall:
+                self._list(key, node, node.due)
+            else:
+                kept += self._keep(key, node, [node.held], wall)
         return kept
 
     def next_due(self) -> int | None:
@@ -133,7 +146,21 @@ class Recorder:
         kept: list[Kept] = []
         for key, node in self._nodes.items():
             if node is not None and node.held is not None:
-                kept += self._keep(key, node, [node.held])
+                kept += self._keep(key, node, [node.held], node.kept_at)
+        return kept
+
+    def repeat(self, keys: Iterable[NodeId], wall: int) -> list[Kept]:
+        """The values that nodes have now, of which rows were lost: otherwise one that stays as it is would be missing
+        until it is another.
+        """
+        kept: list[Kept] = []
+        for key in keys:
+            node = self._nodes.get(key)
+            if node is None or (row := node.held or node.last) is None:
+                continue
+            if row is not node.held:
+                row = row._replace(time=max(wall, node.after + 1))
+            kept += self._keep(key, node, [row], wall)
         return kept
 
     def forget(self, key: NodeId) -> None:
@@ -149,7 +176,8 @@ class Recorder:
 
     def _time(self, node: _Node, source_timestamp: int | None, wall: int) -> int:
         last = node.after if node.held is None else node.held.time
-        if source_timestamp is not None and last < source_timestamp <= wall + MOST_AHEAD:
+        earliest = max(last + 1, wall - int(node.rule.days * _DAY))
+        if source_timestamp is not None and earliest <= source_timestamp <= wall + MOST_AHEAD:
             return source_timestamp
         return max(wall, last + 1)
 
@@ -158,11 +186,19 @@ class Recorder:
         before = self._before.pop(key, None)
         if before is None:
             return []
-        at = max(before + 1, self._stopped_at)
+        # Of a robot whose clock is behind, nobody knows when that was by its clock.
+        at = self._stopped_at if before < self._stopped_at < time else before + 1
         return [Row(at, BAD_DATA_LOST, 0, None)] if at < time else []
 
-    def _keep(self, key: NodeId, node: _Node, rows: list[Row]) -> list[Kept]:
+    def _list(self, key: NodeId, node: _Node, due: int) -> None:
+        """Have a node looked at when it is due, unless it is sooner."""
+        if node.listed is None or due < node.listed:
+            node.listed = due
+            heapq.heappush(self._due, (due, next(self._order), key))
+
+    def _keep(self, key: NodeId, node: _Node, rows: list[Row], wall: int) -> list[Kept]:
         node.last, node.after, node.held, node.due = rows[-1], rows[-1].time, None, None
+        node.kept_at = wall
         return [(key, row) for row in rows]
 
 

@@ -78,10 +78,15 @@ def without_value(row: Row) -> Row:
     return row if row.type in FIXED else row._replace(value=None)
 
 
-def window(series: Series, rows: Sequence[Row], low: int, high: int, settings: Settings) -> Points:
-    """The rows from `low` to `high`, with the nearest usable ones around them and all in between."""
-    before = _around(series, EARLIEST, low - 1, settings, backward=True)[::-1]
-    after = _around(series, high + 1, LATEST, settings, backward=False)
+def window(
+    series: Series, rows: Sequence[Row], low: int, high: int, settings: Settings, *, of_numbers: bool = False
+) -> Points:
+    """The rows from `low` to `high`, with the nearest usable ones around them and all in between.
+
+    Of numbers, one that is none (NaN) is not usable.
+    """
+    before = _around(series, EARLIEST, low - 1, settings, backward=True, of_numbers=of_numbers)[::-1]
+    after = _around(series, high + 1, LATEST, settings, backward=False, of_numbers=of_numbers)
     return Points([*before, *rows, *after], settings)
 
 
@@ -90,7 +95,9 @@ def is_mark(row: Row) -> bool:
     return row.status & 0xFFFF_0000 == BAD_NO_DATA
 
 
-def _around(series: Series, first: int, last: int, settings: Settings, *, backward: bool) -> list[Row]:
+def _around(
+    series: Series, first: int, last: int, settings: Settings, *, backward: bool, of_numbers: bool
+) -> list[Row]:
     """The rows up to the nearest usable one, and with sloped extrapolation one more."""
     if first > last:
         return []
@@ -100,6 +107,8 @@ def _around(series: Series, first: int, last: int, settings: Settings, *, backwa
         found = series.between(first, last, most, backward=backward)
         usable = 0
         for index, row in enumerate(found):
+            if of_numbers and row.value != row.value:
+                continue
             usable += settings.quality(row) is not Quality.BAD
             if usable == wanted:
                 return found[: index + 1]

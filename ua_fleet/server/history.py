@@ -249,7 +249,8 @@ class HistoryService:
             error = None if written.cancelled() else written.exception()
             if error is None and not written.cancelled():
                 self.stored += len(batch.rows)
-                self._backlog.taken()
+                # Behind the mark of what was lost stands what a node has now.
+                self._add(self._recorder.repeat(self._backlog.taken(), self._wall()))
                 self._has_worked()
             else:
                 self._backlog.restore()

@@ -57,6 +57,11 @@ _SIZES: Final = (
     "SELECT last, length(data) FROM block WHERE node = ? ORDER BY first DESC",
 )
 """Of a node's rows and blocks, the newest first."""
+_LAST_BLOCKS: Final = """SELECT node, last FROM block
+    WHERE (node, first) IN (SELECT node, max(first) FROM block GROUP BY node)"""
+"""Of each node, by the index: to read a page for each block of a large file takes minutes of a slow disk."""
+_REMOVE_BLOCKS: Final = "DELETE FROM block WHERE node = ?1 AND first < ?2 AND last < ?2"
+"""Of a node's blocks those alone are looked at that begin before the time."""
 _ALIVE: Final = "INSERT OR REPLACE INTO meta (name, value) VALUES ('alive', ?)"
 
 
@@ -89,7 +94,7 @@ class SqliteHistory:
         self._ids: dict[NodeId, int] = {
             node_of(name): number for number, name in self._database.read("SELECT id, name FROM node")
         }
-        self._last: dict[int, int] = dict(self._database.read("SELECT node, max(last) FROM block GROUP BY node"))
+        self._last: dict[int, int] = dict(self._database.read(_LAST_BLOCKS))
         self._counts: dict[int, int] = {}
         for node, count, last in self._database.read("SELECT node, count(*), max(time) FROM row GROUP BY node"):
             self._counts[node] = count
@@ -141,7 +146,8 @@ class SqliteHistory:
 
     def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
         """Compact a node, or look at the age of some."""
-        self._next_round = self._next_round or now
+        if not self._next_round or now < self._next_round - ROUND:  # the clock was set back
+            self._next_round = now
         if self._large and not (self._aged or now >= self._next_round + OVERDUE):
             number = self._large.pop()
             if self._has_many(number):
@@ -190,7 +196,7 @@ class SqliteHistory:
     def _remove_old(self, before: dict[int, int]) -> None:
         statements: list[Statement] = []
         for number, time in before.items():
-            statements.append(("DELETE FROM block WHERE node = ? AND last < ?", (number, time)))
+            statements.append((_REMOVE_BLOCKS, (number, time)))
             statements.append(("DELETE FROM row WHERE node = ? AND time < ?", (number, time)))
         self._database.commit(*statements)
         self._count_again(before)

@@ -176,7 +176,8 @@ class PostgresHistory:
     async def _tend(
         self, connection: Connection, now: int, days_of: Callable[[NodeId], float], most_bytes: int
     ) -> bool:
-        self._next_round = self._next_round or now
+        if not self._next_round or now < self._next_round - ROUND:  # the clock was set back
+            self._next_round = now
         if self._large and not (self._aged or now >= self._next_round + OVERDUE):
             number = self._large.pop()
             if self._has_many(number):
@@ -235,10 +236,11 @@ class PostgresHistory:
     async def _remove_old(self, connection: Connection, before: dict[int, int]) -> None:
         """Remove the old rows of nodes that are kept for a shorter time than others."""
         numbers, times = list(before), list(before.values())
-        for table, column in (("sample", "time"), ("block", "last")):
+        for (table, by), column in zip(TABLES, ("time", "last"), strict=True):
             await connection.execute(
                 f"DELETE FROM {table} USING unnest($1::integer[], $2::bigint[]) AS old (number, before)"
-                f" WHERE node = number AND {column} < before AND {column} < {max(times):d}",
+                # The constant leaves out the partitions of later days.
+                f" WHERE node = number AND {column} < before AND {by} < {max(times):d}",
                 numbers,
                 times,
             )
@@ -283,12 +285,12 @@ class PostgresHistory:
 
     async def _shorten_day(self, connection: Connection, day: int, now: int, share: float) -> None:
         """Remove the older part of a day, so that about such a share stays."""
-        oldest = await connection.fetchval(
-            # A block goes as a whole: so at least one does.
-            f"SELECT least((SELECT min(last) FROM block_d{day:d}), (SELECT min(time) FROM sample_d{day:d}))"
+        oldest, newest = await connection.fetchrow(
+            # A block goes as a whole: so at least one does. Rows of other days say nothing of where this one ends.
+            f"SELECT least((SELECT min(last) FROM block_d{day:d}), (SELECT min(time) FROM sample_d{day:d})),"
+            f" greatest((SELECT max(last) FROM block_d{day:d}), (SELECT max(time) FROM sample_d{day:d}))"
         )
-        newest = max(self._last.values(), default=now)
-        before = (now if oldest is None else oldest) + int((newest - (oldest or now)) * (1.05 - share)) + 1
+        before = now if oldest is None else oldest + int((newest - oldest) * (1.05 - share)) + 1
         for table, column in (("sample", "time"), ("block", "last")):
             await connection.execute(f"DELETE FROM {table}_d{day:d} WHERE {column} < {before:d}")
             await connection.execute(f"VACUUM (FULL) {table}_d{day:d}")

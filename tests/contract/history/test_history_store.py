@@ -229,6 +229,23 @@ def test_what_is_too_old_is_removed(store: HistoryStore) -> None:
     assert all_of(store, KEY)[-1].value == 2.0
 
 
+def test_what_is_too_old_is_removed_after_the_clock_was_set_back(store: HistoryStore) -> None:
+    store.write(numbers(KEY, *range(10)), NOW)
+    tend(store, NOW + 10_000 * DAY, days=1e6)
+    tend(store, NOW + 100 * DAY, days=30)
+    assert all_of(store, KEY) == []
+
+
+def test_blocks_go_up_to_the_time_from_which_on_rows_are_kept(store: HistoryStore) -> None:
+    store.write([*numbers(KEY, *range(5_000)), *numbers(OTHER, 1)], NOW)
+    tend(store)
+    late, days = NOW + 10 * DAY + 2_000 * S, {KEY: 10.0, OTHER: 100.0}
+    while store.tend(late, lambda key: days[key], HUGE):
+        pass
+    assert all_of(store, OTHER)
+    assert [each.value for each in all_of(store, KEY)] == [float(second) for second in range(2_000, 5_000)]
+
+
 def test_the_oldest_goes_when_there_is_too_much(store: HistoryStore) -> None:
     rows = [row(second, f"{second:0200}", STRING) for second in range(8_000)]
     for at in range(0, len(rows), 1_000):

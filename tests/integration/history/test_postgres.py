@@ -122,6 +122,15 @@ def test_what_a_read_only_database_does_not_take_is_taken_later(postgres: Postgr
         assert times(store) == [0, 1, 2, 3, 4, 5]
 
 
+def test_a_row_that_is_far_ahead_does_not_cost_the_day(url: str) -> None:
+    with contextlib.closing(PostgresHistory(url, USER, PASSWORD)) as store:
+        store.write([(KEY, Row(NOON + at * TICKS_PER_SECOND, 0, 11, float(at))) for at in range(1_900)], NOON)
+        store.write([(NodeId(2, 7), Row(NOON + 3_650 * DAY, 0, 11, 1.0))], NOON)
+        most = store.used_bytes() * 9 // 10
+        store.tend(NOON + DAY // 4, lambda _key: 10_000, most)
+        assert store.series(KEY).between(EARLIEST, LATEST, 1)
+
+
 def test_a_broken_block_costs_the_read_and_says_so(postgres: Postgres, url: str) -> None:
     with contextlib.closing(PostgresHistory(url, USER, PASSWORD)) as store:
         store.write(rows(0, 4_000), NOON)

@@ -23,7 +23,7 @@ from tests.integration.server_model.harness import (
     ua,
     until,
 )
-from ua_fleet.errors import StorageUnavailable
+from ua_fleet.errors import StorageAway, StorageUnavailable
 from ua_fleet.history.recorder import Kept
 from ua_fleet.history.rows import BAD_DATA_LOST, Row
 from ua_fleet.pubsub.metadata import make_field
@@ -394,6 +394,39 @@ async def test_a_store_that_is_away_costs_no_live_value(
             return result.StatusCode.name == "Good" and values_of(result)[:2] == [0.25, 0.5]
 
         await until(read, has_both)
+
+
+async def test_a_database_that_is_away_is_tried_once_for_all_nodes_of_a_request(
+    udp_url: str, tcp_port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A try may take 10 s, and a request has up to 10,000 nodes."""
+    tries: list[int] = []
+
+    def fail(_self: SqliteHistory, *_options: Any, **_more: Any) -> Any:
+        tries.append(1)
+        raise StorageAway("PostgreSQL cannot be reached")
+
+    monkeypatch.setattr(SqliteHistory, "between", fail)
+    async with historian(udp_url, tcp_port, tmp_path) as running, running.client() as client:
+        results = await ask(client, raw(moment(0), moment(9)), *[SPEED_NODE, GOAL_NODE] * 10)
+        assert {result.StatusCode.name for result in results} == {"BadDataUnavailable"}
+        assert len(tries) == 1
+
+
+async def test_a_value_is_found_at_the_time_that_it_has(
+    udp_url: str, tcp_port: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also between two microseconds, where asyncua has no times."""
+    exact = tick(1) + 7
+    path = tmp_path / "state" / HISTORY_FILE
+    with contextlib.closing(SqliteHistory(path)) as store:
+        store.write([(KEY, Row(exact + 10 * at, 0, int(BuiltinType.DOUBLE), float(at))) for at in range(3)], exact)
+    encoded = ua.datetime_to_win_epoch
+    monkeypatch.setattr(ua, "datetime_to_win_epoch", lambda time: exact if time == moment(1) else encoded(time))
+    async with historian(udp_url, tcp_port, tmp_path) as running, running.client() as client:
+        [result] = await ask(client, ua.ReadAtTimeDetails([moment(1)], False), SPEED_NODE)
+        [data] = result.HistoryData.DataValues
+        assert (data.Value and data.Value.Value, data.StatusCode.value) == (0.0, 0)
 
 
 async def test_a_store_that_cannot_be_used_is_said_at_the_start(udp_url: str, tcp_port: int, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from ua_fleet.endpoint.binary.encoders import encode
 from ua_fleet.endpoint.binary.history_details import decode_history_details
 from ua_fleet.endpoint.binary.session_requests import decode_session_request
 from ua_fleet.endpoint.chunks import HEAD, LAST, SEQUENCE, ChunkKeys, open_chunk, seal_chunk
+from ua_fleet.endpoint.convert import ExactDateTime, exact_datetime, ticks_of
 from ua_fleet.endpoint.decoding import BYTES_BEFORE_SESSION, OPERATIONS_BEFORE_SESSION, decode_parameters
 from ua_fleet.endpoint.monitoring import with_timestamps
 from ua_fleet.endpoint.scan import Scan, step_of
@@ -178,9 +179,33 @@ def test_plain_history_details_are_what_asyncua_builds_and_cost_what_the_scan_ch
         scan = Scan(data, 0, len(data), MEMORY)
         step_of(ua.ExtensionObject).walk(scan)
         assert (scan.position, MEMORY - scan.memory) == (end, memory), details
-        assert repr(details) == repr(binary.extensionobject_from_binary(Buffer(data)))
+        said = repr(details).replace(f"{ExactDateTime.__name__}(", "datetime.datetime(")
+        assert said == repr(binary.extensionobject_from_binary(Buffer(data)))
         plain += 1
     assert plain > OPERATIONS // 3
+
+
+@pytest.mark.parametrize("ticks", [0, 3, 134_000_000_000_000_000, 134_000_000_000_000_007, 134_000_000_001_234_561])
+def test_times_of_the_history_are_exact_to_100_ns(ticks: int) -> None:
+    """Who asks for a value at the time that it has, or for what comes after it, means that very time."""
+    details = ua.ReadRawModifiedDetails(False, ua.win_epoch_to_datetime(0), ua.win_epoch_to_datetime(0), 1, False)
+    data = bytearray(binary.extensionobject_to_binary(details))
+    data[10:18] = data[18:26] = ticks.to_bytes(8, "little")
+    found = decode_history_details(bytes(data), 0)
+    assert found is not None
+    assert (ticks_of(found[0].StartTime), ticks_of(found[0].EndTime)) == (ticks, ticks)
+    details = ua.ReadAtTimeDetails([ua.win_epoch_to_datetime(0)], True)
+    data = bytearray(binary.extensionobject_to_binary(details))
+    data[13:21] = ticks.to_bytes(8, "little")
+    found = decode_history_details(bytes(data), 0)
+    assert found is not None
+    assert [ticks_of(time) for time in found[0].ReqTimes] == [ticks]
+
+
+@pytest.mark.parametrize("ticks", [-5, 2**63 - 1, 2_650_467_744_000_000_005])
+def test_times_that_asyncua_has_not_are_what_it_makes_of_them(ticks: int) -> None:
+    assert exact_datetime(ticks) == ua.win_epoch_to_datetime(ticks)
+    assert ticks_of(exact_datetime(ticks)) == ticks_of(ua.win_epoch_to_datetime(ticks))
 
 
 def _session_request(rng: random.Random) -> Any:

@@ -6,7 +6,7 @@ from ua_fleet.history.backlog import Backlog, Full, row_bytes
 from ua_fleet.history.rows import BAD_DATA_LOST, Row
 from ua_fleet.values import NodeId
 
-KEY, OTHER = NodeId(2, 1001), NodeId(2, 1002)
+KEY, OTHER, NEW = NodeId(2, 1001), NodeId(2, 1002), NodeId(2, 1003)
 STRING = 12
 
 
@@ -105,3 +105,22 @@ def test_rows_that_follow_what_the_store_has_at_once_have_no_gap_before_them() -
     assert backlog.put_behind({KEY: 100}, 0, 0) == {KEY: 101}
     assert backlog.take().rows == [(KEY, text(101, 1))]
     assert backlog.size == row_bytes(text(101, 1))
+
+
+def test_what_was_lost_before_the_store_was_there_is_marked_from_its_last_row_on() -> None:
+    backlog = Backlog(1, 10_000)
+    backlog.add([(KEY, text(100, 1)), (OTHER, text(101, 1)), (KEY, text(102, 1)), (NEW, text(103, 1))])
+    waiting = backlog.put_behind({KEY: 5, OTHER: 6}, 10, 99)
+    assert waiting == {KEY: 102, OTHER: 10, NEW: 103}
+    assert backlog.take().rows == [(KEY, mark(10)), (KEY, text(100, 1))]
+    assert backlog.taken() == [OTHER, KEY, NEW]
+    assert backlog.take().rows == [(OTHER, mark(10)), (KEY, mark(102)), (NEW, mark(103))]
+
+
+def test_marks_of_what_was_lost_are_behind_a_store_whose_clock_was_ahead() -> None:
+    backlog = Backlog(1, 10_000)
+    backlog.add([(KEY, text(100, 1)), (OTHER, text(101, 1)), (KEY, text(102, 1))])
+    assert backlog.put_behind({KEY: 1_000, OTHER: 2_000}, 2_001, 99) == {KEY: 1_002, OTHER: 2_001}
+    assert backlog.take().rows == [(KEY, text(1_001, 1))]
+    backlog.taken()
+    assert backlog.take().rows == [(OTHER, mark(2_001)), (KEY, mark(1_002))]

@@ -143,6 +143,13 @@ def test_a_row_that_is_no_event_is_left_out_and_told_of(value: object, backward:
     assert reason.startswith(f"the event of the history at {datetime_from_ticks(NOW + 4)} is broken (")
 
 
+@pytest.mark.parametrize("data", [event(NOW)[:-1], event(NOW) + b"\x00"])
+def test_an_event_whose_fields_do_not_fill_it_is_broken(data: bytes) -> None:
+    """Clients get the bytes of a field as they are: a byte less, and they could read nothing of the whole answer."""
+    with pytest.raises(ValueError, match="an event of"):
+        KeptEvent(data)
+
+
 def test_what_a_client_wants_of_an_event_may_be_broken() -> None:
     def told_but_one(row: Row) -> bytes | None:
         if row.time == NOW + 1:

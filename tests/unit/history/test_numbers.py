@@ -51,3 +51,24 @@ def test_infinite_values_have_a_minimum_and_a_maximum() -> None:
     for aggregate, expected in ((Aggregate.MINIMUM, "-inf"), (Aggregate.MAXIMUM, "inf")):
         read = ProcessedRead(NOON, NOON + 2 * S + 1, 0, aggregate, SETTING)
         assert page_of(series, read).rows[0].value == float(expected)
+
+
+@pytest.mark.parametrize("backward", [False, True])
+@pytest.mark.parametrize(("start", "end"), [(1.2, 2.2), (0.2, 0.8), (1.2, 1.5), (2.5, 2.8), (3.5, 3.8)])
+def test_a_line_to_a_bound_goes_past_what_is_no_number(start: float, end: float, backward: bool) -> None:
+    """It is the nearest row around an interval, and as little of use as a Bad one."""
+    rows = [Row(NOON + second * S, 0, 11, value) for second, value in enumerate((1.0, NAN, 3.0, NAN, 5.0))]
+    as_bad = [row if row.value == row.value else Row(row.time, 0x8000_0000, 0, None) for row in rows]
+    times = [NOON + int(second * S) for second in ((end, start) if backward else (start, end))]
+    read = ProcessedRead(*times, 0, Aggregate.TIME_AVERAGE, SETTING)
+    found = page_of(ListSeries(rows), read).rows
+    assert found == page_of(ListSeries(as_bad), read).rows
+    assert found[0].value is not None
+
+
+def test_an_extreme_has_the_type_of_its_value() -> None:
+    """The type of a node was changed in fleet.yaml: no Int32 holds 2.5."""
+    series = ListSeries([Row(NOON, 0, 6, 10), Row(NOON + S, 0, 11, 2.5), Row(NOON + 2 * S, 0, 11, 3.0)])
+    read = ProcessedRead(NOON, NOON + 2 * S, 0, Aggregate.MINIMUM, SETTING)
+    [row] = page_of(series, read).rows
+    assert (row.type, row.value) == (11, 2.5)

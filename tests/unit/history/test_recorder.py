@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from itertools import pairwise
 from typing import Any
 
@@ -179,6 +180,76 @@ def test_a_restart_is_marked_before_the_first_value_after_it() -> None:
     fresh = Taken(Rule(), before={OTHER: 100 * S}, stopped_at=130 * S)
     fresh.give(200, 1.0)
     assert len(fresh.rows) == 1
+
+
+def test_the_restart_of_a_server_is_marked_for_a_robot_whose_clock_is_behind() -> None:
+    taken = Taken(Rule(), before={KEY: 100 * S}, stopped_at=3_700 * S)
+    taken.give(2_000, 1.0, wall=5_600)
+    assert [(row.time, row.status) for row in taken.rows] == [(100 * S + 1, BAD_DATA_LOST), (2_000 * S, 0)]
+
+
+def test_values_of_a_robot_whose_clock_is_far_behind_get_the_servers_time() -> None:
+    """They would be removed at once, since they are older than any value is kept."""
+    day = 86_400
+    taken = Taken(Rule(days=2))
+    taken.give(0, 1.0, wall=2 * day)
+    taken.give(1, 2.0, wall=2 * day + 2)
+    taken.give(2, 3.0, wall=2 * day + 3)
+    taken.give(2 * day - 5, 4.0, wall=2 * day + 4)
+    assert [row.time / S for row in taken.rows] == [0, 2 * day + 2, 2 * day + 3, 2 * day + 4]
+
+
+def test_at_most_each_second_holds_for_a_robot_whose_clock_is_behind() -> None:
+    taken = Taken(Rule(at_most_each_s=10))
+    for tenth in range(1, 1_000):
+        taken.poll(5_000 + tenth / 10)
+        taken.give(tenth / 10, float(tenth), wall=5_000 + tenth / 10)
+    assert 9 <= len(taken.rows) <= 11
+    assert all(later - earlier > 9.8 for (earlier, _), (later, _) in pairwise(taken.told))
+
+
+def test_a_value_that_comes_and_goes_while_it_may_not_be_kept_takes_no_memory() -> None:
+    taken = Taken(Rule(at_most_each_s=1e6))
+    taken.give(0, 0.0)
+    tracemalloc.start()
+    try:
+        for tenth in range(1, 20_000):
+            taken.give(tenth / 10, float(tenth % 2))
+        used, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert used < 20_000
+    taken.give(2_000, 1.0)
+    taken.poll(999_999)
+    assert taken.told == [(0, 0.0)]
+    taken.poll(1_000_000)
+    assert taken.told == [(0, 0.0), (2_000, 1.0)]
+
+
+def test_what_waits_is_kept_when_its_own_pause_is_over() -> None:
+    taken = Taken(Rule(at_most_each_s=10))
+    taken.give(0, 0.0)
+    taken.give(1, 1.0)
+    taken.give(2, 1.0, status=SILENT)  # does not wait
+    taken.give(3, 1.0)
+    taken.give(4, 2.0)
+    taken.poll(10)
+    assert [row.time / S for row in taken.rows] == [0, 1, 2, 3]
+    assert taken.recorder.next_due() == 13 * S
+    taken.poll(13)
+    assert [row.time / S for row in taken.rows] == [0, 1, 2, 3, 4]
+
+
+def test_a_node_of_which_rows_were_lost_is_kept_again_as_it_is_now() -> None:
+    taken = Taken(Rule())
+    taken.give(0, 1.0)
+    taken.give(1, 2.0)
+    assert taken.recorder.repeat([KEY, OTHER], 5 * S) == [(KEY, Row(5 * S, 0, DOUBLE, 2.0))]
+    taken.give(6, 2.0)
+    taken.give(7, 2.0)
+    assert taken.recorder.repeat([KEY], 9 * S) == [(KEY, Row(7 * S, 0, DOUBLE, 2.0))]
+    assert taken.recorder.repeat([KEY], 3 * S) == [(KEY, Row(7 * S + 1, 0, DOUBLE, 2.0))]
+    assert taken.recorder.finish() == []
 
 
 def row(time: int) -> Row:

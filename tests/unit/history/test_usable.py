@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.unit.history.series import NOON
-from ua_fleet.history.at_times import read_at_times
+from ua_fleet.history.at_times import TooMuch, read_at_times
 from ua_fleet.history.bounds import Points, Settings, interpolated_bound
 from ua_fleet.history.rows import MOST_READ_BYTES, ListSeries, Row, Rows
 from ua_fleet.history.window import window
@@ -108,3 +108,16 @@ def test_images_that_are_not_usable_are_not_kept_in_memory() -> None:
     found = list(read_at_times(series, times, Settings(), simple=False))
     assert [row.status >> 30 for row in found][-1] == 1
     assert series.read <= 42
+
+
+def test_large_values_that_are_not_usable_are_not_looked_through_without_an_end() -> None:
+    """1,000 times in disorder would read 70 GB, and nothing else of the store meanwhile."""
+    image = bytes(1_000_000)
+    series = Counted([Row(NOON + second * S, UNCERTAIN, 15, image) for second in range(3_000)])
+    times = [NOON + second * 70 % 3_000 * S + 1 for second in range(300)]
+    found = read_at_times(series, times, Settings(), simple=False)
+    with pytest.raises(TooMuch):
+        list(found)
+    assert series.read <= 1_200
+    usable = Counted([Row(NOON + second * S, GOOD, 15, image) for second in range(3_000)])
+    assert len(list(read_at_times(usable, times, Settings(stepped=True), simple=False))) == 300

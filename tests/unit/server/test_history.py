@@ -159,13 +159,15 @@ async def test_while_the_store_is_away_values_wait_and_what_is_too_much_is_marke
         give(history, clock, 3.0, 4.0, 5.0)
         assert (history.waiting, history.lost) == (3, {Full.ROWS: 2, Full.BYTES: 0})
         store.is_away = False
-        await polled(history, clock, lambda: history.stored == 4)
+        clock.second += 10
+        await polled(history, clock, lambda: history.stored == 5)
         assert history.problem == ""
         give(history, clock, 6.0)
-        await polled(history, clock, lambda: history.stored == 5)
+        await polled(history, clock, lambda: history.stored == 6)
     rows = [row for _, row in store.rows]
-    assert [row.value for row in rows] == [1.0, 2.0, 3.0, None, 6.0]
+    assert [row.value for row in rows] == [1.0, 2.0, 3.0, None, 5.0, 6.0]
     assert (rows[3].status, rows[3].time) == (BAD_DATA_LOST, 104 * S)
+    assert rows[4].time == 115 * S  # what it is when there is room, since it may stay so for days
 
 
 async def test_audit_events_leave_room_for_values(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ from typing import Any, Final
 from asyncua import ua
 
 from ua_fleet.endpoint.binary.decoders import NotPlainError, decode_node_id, in_one_pass
+from ua_fleet.endpoint.convert import exact_datetime
 from ua_fleet.endpoint.scan import step_of
 from ua_fleet.endpoint.stack import ObjectIds
 
@@ -55,7 +56,7 @@ def _details(data: bytes, position: int) -> tuple[Any, int, int]:
 
 def _raw(data: bytes, at: int) -> tuple[Any, int, int]:
     modified, begin, end, count, bounds = _RAW.unpack_from(data, at)
-    times = ua.win_epoch_to_datetime(begin), ua.win_epoch_to_datetime(end)
+    times = exact_datetime(begin), exact_datetime(end)
     return ua.ReadRawModifiedDetails(modified, *times, count, bounds), at + _RAW.size, 0
 
 
@@ -64,7 +65,7 @@ def _at_times(data: bytes, at: int) -> tuple[Any, int, int]:
     if not 0 <= count <= _MOST:
         raise NotPlainError
     at += _COUNT.size
-    times: list[Any] = [ua.win_epoch_to_datetime(time) for time in struct.unpack_from(f"<{count}q", data, at)]
+    times: list[Any] = [exact_datetime(time) for time in struct.unpack_from(f"<{count}q", data, at)]
     at += 8 * count
     (simple,) = _FLAG.unpack_from(data, at)
     return ua.ReadAtTimeDetails(times, simple), at + _FLAG.size, count * _TIME_MEMORY
@@ -80,7 +81,7 @@ def _processed(data: bytes, at: int) -> tuple[Any, int, int]:
         kind, at = decode_node_id(data, at)
         kinds.append(kind)
     configuration: Any = ua.AggregateConfiguration(*_CONFIGURATION.unpack_from(data, at))
-    times = ua.win_epoch_to_datetime(begin), ua.win_epoch_to_datetime(end)
+    times = exact_datetime(begin), exact_datetime(end)
     details = ua.ReadProcessedDetails(*times, interval, kinds, configuration)
     return details, at + _CONFIGURATION.size, count * _NODE_ID_MEMORY
 

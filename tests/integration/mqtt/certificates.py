@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import subprocess
 from pathlib import Path
+from typing import Final
+
+_NEW_KEY: Final = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1")
+"""Of an elliptic curve: one of RSA takes 0.2 s of computing."""
 
 
 def openssl(*arguments: str | Path) -> None:
@@ -12,7 +16,7 @@ def openssl(*arguments: str | Path) -> None:
 
 def authority(folder: Path, name: str) -> None:
     openssl(
-        *("req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={name}"),
+        *("req", "-x509", *_NEW_KEY, "-nodes", "-days", "2", "-subj", f"/CN={name}"),
         *("-keyout", folder / f"{name}.key", "-out", folder / f"{name}.pem"),
     )
 
@@ -21,7 +25,7 @@ def certificate(folder: Path, name: str, by: str, address: str = "127.0.0.1") ->
     """A key and a certificate that an authority has signed."""
     (folder / "san").write_text(f"subjectAltName=IP:{address}\n")
     openssl(
-        *("req", "-newkey", "rsa:2048", "-nodes", "-subj", f"/CN={name}"),
+        *("req", *_NEW_KEY, "-nodes", "-subj", f"/CN={name}"),
         *("-keyout", folder / f"{name}.key", "-out", folder / f"{name}.csr"),
     )
     openssl(

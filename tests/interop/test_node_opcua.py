@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from tests import system
 from tests.integration.server_model.harness import GOAL, OPERATOR, SPEED, fleet_config, serving
+from tests.interop.node import run_node
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.values import BuiltinType
 
@@ -21,27 +21,7 @@ async def run_client(
     url: str, user: str, password: str, folder: Path, *more: str, script: Path = CLIENT, timeout_s: float = 60
 ) -> tuple[int, str, str]:
     """Run the foreign client to its end."""
-    process = await asyncio.create_subprocess_exec(
-        "node",
-        str(script),
-        url,
-        user,
-        password,
-        str(folder),
-        *more,
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        env=system.clean_environment(),
-    )
-    try:
-        output, errors = await asyncio.wait_for(process.communicate(), timeout_s)
-    except BaseException:
-        process.kill()
-        await process.wait()
-        raise
-    assert process.returncode is not None
-    return process.returncode, output.decode(), errors.decode()
+    return await run_node(script, url, user, password, folder, *more, timeout_s=timeout_s)
 
 
 @pytest.mark.needs("node")

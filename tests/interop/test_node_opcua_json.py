@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests import system
+from tests.interop.node import environment, node
 from tests.unit.wire.json.vectors import GUID
 from ua_fleet.values import DataValue, LocalizedText, Matrix, NodeId, QualifiedName, Variant
 from ua_fleet.wire.json.data_types import DataTypes
@@ -51,13 +51,13 @@ VALUES: dict[str, Variant] = {
 
 def run(ours: list[Any]) -> dict[str, Any]:
     done = subprocess.run(
-        ["node", str(SCRIPT)],
+        [node(), str(SCRIPT)],
         input=json.dumps(ours),
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
-        env=system.clean_environment(),
+        env=environment(),
     )
     assert done.returncode == 0, done.stderr
     report: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,8 @@ import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from tests import system
 from tests.integration.key_service.harness import PASSWORDS, Cards, desk
+from tests.interop.node import run_node
 from tests.unit.server.key_service.fleet import fleet
 from ua_fleet.wire.security import SecurityPolicy
 
@@ -28,28 +27,7 @@ async def run_client(
     pem = folder / f"{card}.pem"
     folder.mkdir(parents=True, exist_ok=True)
     pem.write_bytes(x509.load_der_x509_certificate(files.certificate.read_bytes()).public_bytes(Encoding.PEM))
-    process = await asyncio.create_subprocess_exec(
-        "node",
-        str(program),
-        url,
-        cards.uri(card),
-        str(pem),
-        str(files.private_key),
-        str(folder / "pki"),
-        *arguments,
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        env=system.clean_environment(),
-    )
-    try:
-        output, errors = await asyncio.wait_for(process.communicate(), 60)
-    except BaseException:
-        process.kill()
-        await process.wait()
-        raise
-    assert process.returncode is not None
-    return process.returncode, output.decode(), errors.decode()
+    return await run_node(program, url, cards.uri(card), pem, files.private_key, folder / "pki", *arguments)
 
 
 @pytest.mark.needs("node")

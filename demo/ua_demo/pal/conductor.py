@@ -27,6 +27,7 @@ REST_S: Final = 1.5
 """The bridges publish their status each second."""
 
 CONVEYOR, ON_CONVEYOR, ON_TURTLEBOT = "ns=2;i=1001", "ns=2;i=1002", "ns=2;i=1003"
+_COUNTED: Final = ("Fleet/Traffic", "Fleet/Bridges/arm_side", "Fleet/Bridges/mobile_side")
 JOINTS, POSE = "ns=2;s=1005.position", "ns=2;s=1013.pose.position.x"
 
 
@@ -43,6 +44,7 @@ class Conductor:
         check: Callable[[], None],
         finished: Callable[[DemoResult], None],
         hold_s: float = 0.0,
+        until_looped: bool = False,
     ) -> None:
         """Prepare for any number of connections.
 
@@ -54,9 +56,11 @@ class Conductor:
             check: raises where going on makes no sense; looked at now and then.
             finished: called with the result of each run.
             hold_s: so much later the server's changes are taken in, where what robots say takes that long to come.
+            until_looped: a run is over when messages have come round, too: without the loop rule they go on doing so.
         """
         self._speed, self._ros1, self._secure = speed, ros1, secure
         self._say, self._check, self._finished, self._hold_s = say, check, finished, hold_s
+        self._until_looped = until_looped
         self.timeline = Timeline(speed)
         self._is_reported = False
         self._changed = asyncio.Event()
@@ -103,7 +107,7 @@ class Conductor:
                 ]
                 try:
                     while True:
-                        await self._until_over()
+                        await self._until_over(client)
                         await asyncio.sleep(REST_S)
                         self._finished(self._result(*await _totals(client)))
                         self._is_reported = True
@@ -128,10 +132,12 @@ class Conductor:
                 else:
                     self.server_says(change)
 
-    async def _until_over(self) -> None:
+    async def _until_over(self, client: FleetClient) -> None:
         """Wait until a run has ended of which no result was told yet."""
         while self._is_reported or not (self.timeline.all_delivered or self._is_too_late()):
             self._check()
+            if self._until_looped and self.timeline.started is not None and await _looped(client):
+                return
             self._changed.clear()
             with suppress(TimeoutError):
                 async with asyncio.timeout(LOOK_S):
@@ -142,7 +148,8 @@ class Conductor:
         return started is not None and time.time() > started + LINE_TIMEOUT_S / self._speed + GRACE_S
 
     def _result(self, looped: int, drops: Mapping[str, int]) -> DemoResult:
-        problems = [] if self.timeline.all_delivered else ["not all covers have arrived in time"]
+        is_late = not self.timeline.all_delivered and self._is_too_late()
+        problems = ["not all covers have arrived in time"] if is_late else []
         if looped:
             problems.append(f"{looped} messages were delivered twice to one place")
         report = self.timeline.report(looped=looped, drops=drops, ros1=self._ros1, secure=self._secure)
@@ -163,14 +170,16 @@ def _split(drops: Mapping[str, int]) -> tuple[str, str]:
     return ", ".join(lost), ", ".join(f"{cause} {count}" for cause, count in drops.items() if cause in NO_LOSS)
 
 
+async def _looped(client: FleetClient) -> int:
+    """Deliveries that looped, over the server and both bridges, from their status nodes."""
+    return sum(int(reading.value or 0) for reading in await client.read([f"{place}/Looped" for place in _COUNTED]))
+
+
 async def _totals(client: FleetClient) -> tuple[int, dict[str, int]]:
-    """Deliveries that looped and drops by cause, over the server and both bridges, from their status nodes."""
-    looped, drops = 0, Counter[str]()
-    for place in ("Traffic", "Bridges/arm_side", "Bridges/mobile_side"):
-        path = f"Fleet/{place}"
-        reading = await client.read(f"{path}/Looped")
-        looped += int(reading.value or 0)
-        causes = await client.browse(f"{path}/Drops")
+    """Deliveries that looped, and drops by cause."""
+    looped, drops = await _looped(client), Counter[str]()
+    for place in _COUNTED:
+        causes = await client.browse(f"{place}/Drops")
         for node, value in zip(causes, await client.read([node.node_id for node in causes]), strict=True):
             drops[node.browse_name] += int(value.value or 0)
     return looped, dict(sorted((cause, count) for cause, count in drops.items() if count))

@@ -97,6 +97,7 @@ async def run_pal(
             say=say,
             check=processes.check,
             finished=finished,
+            until_looped=not setting.loop_rule,
         )
         hall = _Hall(setting, processes, conductor)
         await hall.start_infrastructure()

@@ -8,16 +8,18 @@ import itertools
 import os
 import random
 import signal
-import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 from structlog.testing import capture_logs
 
+from tests.forking import ForkedProcess
 from tests.postgres import PASSWORD, USER, Postgres
+from tests.system import forked
 from tests.unit.config.test_history import SPEED, config_of
 from ua_fleet.config.history import HistoryRules
 from ua_fleet.config.nodes import fleet_model
@@ -198,17 +200,23 @@ while True:
 """
 
 
-def writer(url: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-c", _WRITER, url, USER, PASSWORD, str(NOON)], stdout=subprocess.PIPE, text=True, bufsize=1
-    )
+@contextlib.contextmanager
+def writer(folder: Path, url: str) -> Generator[ForkedProcess]:
+    program = folder / "writer.py"
+    program.write_text(_WRITER)
+    process = forked(sys.executable, program, url, USER, PASSWORD, str(NOON))
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+        process.close()
 
 
 @pytest.mark.parametrize("lines", [2, 3, 5, 9])
-def test_what_was_told_as_stored_is_there_after_a_kill_of_the_server(url: str, lines: int) -> None:
+def test_what_was_told_as_stored_is_there_after_a_kill_of_the_server(url: str, lines: int, tmp_path: Path) -> None:
     """The process writes and compacts all the time; it is killed when it has told of so many batches."""
-    with writer(url) as process:
-        assert process.stdout is not None
+    with writer(tmp_path, url) as process:
         told = [int(process.stdout.readline()) for _ in range(lines)]
         os.kill(process.pid, signal.SIGKILL)
         told += [int(line) for line in process.stdout.read().split()]
@@ -219,11 +227,10 @@ def test_what_was_told_as_stored_is_there_after_a_kill_of_the_server(url: str, l
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_was_told_as_stored_is_there_after_kills_of_postgres(own: Postgres, seed: int) -> None:
+def test_what_was_told_as_stored_is_there_after_kills_of_postgres(own: Postgres, seed: int, tmp_path: Path) -> None:
     """It is killed and started again at moments that the seed chooses; the process goes on, and nothing comes twice."""
     random_ = random.Random(seed)
-    with writer(own.url()) as process:
-        assert process.stdout is not None
+    with writer(tmp_path, own.url()) as process:
         told = int(process.stdout.readline())
         for _ in range(2):
             time.sleep(random_.uniform(0, 0.3))
@@ -237,7 +244,6 @@ def test_what_was_told_as_stored_is_there_after_kills_of_postgres(own: Postgres,
             while heard == "away":  # and goes on
                 heard = process.stdout.readline().strip()
             told = int(heard)
-        process.kill()
     with contextlib.closing(PostgresHistory(own.url(), USER, PASSWORD)) as store:
         found = times(store)
     assert found == list(range(len(found)))

@@ -16,7 +16,7 @@ import pytest
 from execnet import gateway_base, gateway_io
 
 from tests.fork_server import COLLECT
-from tests.forking import Command, ForkedProcess, ForkServer
+from tests.forking import Command, ForkedProcess, ForkServer, share
 
 __all__ = ["ForkedWorkers"]
 
@@ -52,6 +52,7 @@ class ForkedWorkers:
             return _create_io(spec, execmodel)
         if self._server is None:
             self._server = ForkServer(sys.executable, COLLECT, *self._files)
+            share()
         command = Command(sys.executable, _PROGRAM, False, [])
         process = ForkedProcess(command, os.environ, reads=True, server=self._server)
         io = _gateway_base.Popen2IO(process.stdin, process.stdout, execmodel)

@@ -11,6 +11,7 @@ import contextlib
 import functools
 import json
 import os
+import secrets
 import select
 import signal
 import socket
@@ -25,17 +26,19 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Final, NamedTuple
 
-__all__ = ["Command", "ForkServer", "ForkedProcess", "command_of", "computed_s"]
+__all__ = ["Command", "ForkServer", "ForkedProcess", "SharedForkServer", "command_of", "computed_s", "share"]
 
 _lock: Final = threading.Lock()
 _computed_s: Final[list[float]] = []
 _SERVER: Final = Path(__file__).with_name("fork_server.py")
 _ROOT: Final = Path(__file__).resolve().parent.parent
-_COMMANDS: Final = {
-    str(Path(python).with_name("ua-fleet")): python
-    for python in (sys.executable, str(_ROOT / ".venv-ros1" / "bin" / "python"))
-}
+_ROS1_PYTHON: Final = str(_ROOT / ".venv-ros1" / "bin" / "python")
+_COMMANDS: Final = {str(Path(python).with_name("ua-fleet")): python for python in (sys.executable, _ROS1_PYTHON)}
 """The command of each Python that has it, ours and the one with rospy."""
+_MASTERS: Final = ("/usr/bin/rosmaster", "rosmaster")
+_ENV: Final = "/usr/bin/env"
+_RUN: Final = os.environ.setdefault("UA_TESTS_ARE_FORKED_BY", secrets.token_hex(8))
+"""By this word in their environment all processes of a run find those that fork others."""
 _IMPORTED: Final = (
     "ament_index_python",
     "anyio._backends._asyncio",
@@ -51,6 +54,8 @@ _IMPORTED: Final = (
     "rcl_interfaces.srv",
     "rosgraph_msgs.msg",
     "rosidl_generator_py",
+    "rosgraph.roslogging",
+    "rosmaster.main",
     "rospy",
     "sensor_msgs.msg",
     "std_msgs.msg",
@@ -128,6 +133,7 @@ class ForkedProcess:
         complains: bool = False,
         folder: Path | None = None,
         server: ForkServer | None = None,
+        terminal: int | None = None,
     ) -> None:
         """Fork it.
 
@@ -138,6 +144,7 @@ class ForkedProcess:
             complains: to `stderr`; else to `stdout`, with all that it says.
             folder: where it works; else where this process does.
             server: what it is forked off; it stays in this one's group, with its stderr. Else one that has the product.
+            terminal: what it reads, and where it says everything; nothing comes to `stdout` then.
         """
         output, printed = os.pipe()
         self.stdin: TextIOWrapper | None = None
@@ -152,6 +159,10 @@ class ForkedProcess:
             self.stderr = TextIOWrapper(open(complaints, "rb"), errors="replace")  # noqa: SIM115 - as stdout
         else:
             complained = os.dup(printed if server is None else 2)
+        if terminal is not None:
+            os.dup2(terminal, given)
+            os.dup2(terminal, printed)
+            os.dup2(terminal, complained)
         self._ended, told = socket.socketpair()
         request = {
             "program": command.program,
@@ -159,15 +170,17 @@ class ForkedProcess:
             "arguments": command.arguments,
             "environment": dict(environment),
             "folder": str(folder or Path.cwd()),
-            "has_session": None if server is None else False,
+            # On a terminal in a session of its own, since it is asked there and nowhere else.
+            "has_session": True if terminal is not None else None if server is None else False,
         }
         self.returncode: int | None = None
         self.stdout: Final = TextIOWrapper(open(output, "rb"), errors="replace")  # noqa: SIM115 - its reader closes it
         try:
             with _lock:
-                server = server or _server(command.python)
-                self.pid: Final = server.fork(request, [given, printed, complained, told.fileno()])
+                forks = server or _server(command.python)
+                self.pid: Final = forks.fork(request, [given, printed, complained, told.fileno()])
         except RuntimeError:
+            _server.cache_clear()  # one failed test is enough
             for held in (self.stdin, self.stdout, self.stderr, self._ended):
                 if held is not None:
                     held.close()
@@ -176,6 +189,14 @@ class ForkedProcess:
             for descriptor in (given, printed, complained):
                 os.close(descriptor)
             told.close()
+        if terminal is not None:
+            self.stdout.close()
+
+    def close(self) -> None:
+        """Close what is written to it and read of it."""
+        for held in (self.stdin, self.stdout, self.stderr):
+            if held is not None:
+                held.close()
 
     def poll(self) -> int | None:
         """How it ended; None while it runs."""
@@ -222,22 +243,28 @@ class ForkedProcess:
 
     def _look(self, timeout_s: float | None) -> int | None:
         if self.returncode is None and select.select([self._ended], [], [], timeout_s)[0]:
-            said = self._ended.recv(64).split()
-            self._ended.close()
-            self.returncode = int(said[0]) if said else -signal.SIGKILL  # what starts processes is gone itself
-            if said:
-                _computed_s.append(float(said[1]))
+            self.returncode, seconds = how_it_was(self._ended)
+            _computed_s.append(seconds)
         return self.returncode
+
+
+def how_it_was(ended: socket.socket) -> tuple[int, float]:
+    """How a forked process ended that tells of it now, and the seconds that it and its children have computed."""
+    with ended, ended.makefile() as told:
+        *others, last = [line.split() for line in told] or [[str(-signal.SIGKILL), "0"]]  # by who forks and is gone
+    return int(last[0]), sum(float(seconds) for _, seconds in (*others, last))
 
 
 def command_of(words: Sequence[str | Path]) -> Command | None:
     """The file or the module that a command has a Python run, ours or the one with rospy; None for any other command.
 
-    `ua-fleet` of one of them is its module `ua_fleet.cli`.
+    `ua-fleet` of one of them is its module `ua_fleet.cli`, and the ROS master is a program of the one with rospy.
 
     Output is never held back in a forked process: so `-u` is as nothing.
     """
-    python, *rest = [str(word) for word in words]
+    python, *rest = [str(word) for word in words if str(word) != _ENV]
+    if python in _MASTERS and Path(_ROS1_PYTHON).exists():
+        return Command(_ROS1_PYTHON, _MASTERS[0], False, rest)
     if python in _COMMANDS:
         return Command(_COMMANDS[python], "ua_fleet.cli", True, rest)
     if python not in _COMMANDS.values():
@@ -257,8 +284,8 @@ def computed_s() -> float:
 class ForkServer:
     """The process that has imported everything."""
 
-    def __init__(self, python: str, *arguments: str) -> None:
-        """Start it with arguments of `fork_server`."""
+    def __init__(self, python: str, *arguments: str, listener: socket.socket | None = None) -> None:
+        """Start it with arguments of `fork_server`, for others too that connect to a listener."""
         self._ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         environment = {
             name: value
@@ -274,21 +301,20 @@ class ForkServer:
                 stdout=subprocess.DEVNULL,
                 stderr=self._complaints,
                 env=environment | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"},  # numpy's threads are not forked
+                pass_fds=() if listener is None else (listener.fileno(),),
             )
 
     def fork(self, request: Mapping[str, object], descriptors: Sequence[int]) -> int:
         """The id of a process that is forked off. Raises RuntimeError, with what was complained of, if it cannot be."""
-        answer = b""
-        with contextlib.suppress(OSError):  # it has ended
-            socket.send_fds(self._ours, [json.dumps(request).encode()], descriptors)
-            answer = self._ours.recv(32)
-        if answer:
+        if answer := _asked(self._ours, request, descriptors):
             return int(answer)
-        code = self.end()
-        _server.cache_clear()  # one failed test is enough
+        raise RuntimeError(f"the process that forks others ended with {self.end()}: {self.complaints}")
+
+    @property
+    def complaints(self) -> str:
+        """Of it that has ended, and of those that were forked off it."""
         self._complaints.seek(0)
-        complaints = self._complaints.read().decode(errors="replace")[-4_000:]
-        raise RuntimeError(f"the process that forks others ended with {code}: {complaints}")
+        return self._complaints.read().decode(errors="replace")[-4_000:]
 
     def end(self) -> int:
         """How it ended."""
@@ -296,9 +322,61 @@ class ForkServer:
         return self._process.wait(10)
 
 
+class SharedForkServer:
+    """One that this or another process of the run has started (`share`)."""
+
+    def __init__(self, python: str) -> None:
+        """Raises ConnectionRefusedError where there is none."""
+        self._ours = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            self._ours.connect(_address_for(python))
+        except OSError:
+            self._ours.close()
+            raise
+
+    def fork(self, request: Mapping[str, object], descriptors: Sequence[int]) -> int:
+        """See ForkServer."""
+        if answer := _asked(self._ours, request, descriptors):
+            return int(answer)
+        said = "".join(server.complaints for server in _started)
+        raise RuntimeError(f"the process that forks others has ended: {said}")
+
+
+def _asked(server: socket.socket, request: Mapping[str, object], descriptors: Sequence[int]) -> bytes:
+    """What it answers; nothing if it has ended."""
+    with contextlib.suppress(OSError):
+        socket.send_fds(server, [json.dumps(request).encode()], descriptors)
+        return server.recv(32)
+    return b""
+
+
+def _address_for(python: str) -> str:
+    """Where what forks processes of this Python listens; there is one in a run."""
+    return f"\0ua-fleet-tests-{_RUN}-{Path(python).parent.parent.name}"
+
+
+_started: Final[list[ForkServer]] = []
+"""By this process, each of which ends with it."""
+
+
+def share() -> None:
+    """Start one for each Python, for all processes that this one starts, too; it imports once something is forked."""
+    for python in dict.fromkeys(_COMMANDS.values()):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+            try:
+                listener.bind(_address_for(python))
+            except OSError:  # another process of this run has started one
+                continue
+            listener.listen()
+            if Path(python).exists():
+                _started.append(ForkServer(python, str(listener.fileno()), *_IMPORTED, listener=listener))
+                atexit.register(_started[-1].end)
+
+
 @functools.cache
-def _server(python: str) -> ForkServer:
-    """One of each Python for each process of tests."""
-    server = ForkServer(python, *_IMPORTED)
-    atexit.register(server.end)
-    return server
+def _server(python: str) -> SharedForkServer:
+    """One of each Python for all processes of tests, or for this one where it was started alone."""
+    with contextlib.suppress(ConnectionRefusedError):
+        return SharedForkServer(python)
+    share()
+    return SharedForkServer(python)

@@ -383,13 +383,25 @@ class Child:
         self.process.wait()
 
 
-def run(
-    *args: str | Path, env: Mapping[str, str] | None = None, stdin: str = "", timeout_s: float = 60
-) -> subprocess.CompletedProcess[str]:
-    """Run a program in Python to its end, in a process that need not import what it needs (see `forking`)."""
+def forked(
+    *args: str | Path, env: Mapping[str, str] | None = None, folder: Path | None = None, terminal: int | None = None
+) -> ForkedProcess:
+    """Start a program in Python that need not import what it needs (see `forking`), on a terminal or with pipes."""
     command = command_of(args)
     assert command is not None, f"no program in Python: {args}"
-    process = ForkedProcess(command, dict(env) if env is not None else clean_environment(), reads=True, complains=True)
+    environment, has_pipes = dict(env) if env is not None else clean_environment(), terminal is None
+    return ForkedProcess(command, environment, reads=has_pipes, complains=has_pipes, folder=folder, terminal=terminal)
+
+
+def run(
+    *args: str | Path,
+    env: Mapping[str, str] | None = None,
+    stdin: str = "",
+    timeout_s: float = 60,
+    folder: Path | None = None,
+) -> subprocess.CompletedProcess[str]:
+    """Run a program in Python to its end, as `forked` starts it."""
+    process = forked(*args, env=env, folder=folder)
     said, complained = process.communicate(stdin, timeout_s)
     return subprocess.CompletedProcess([str(arg) for arg in args], process.wait(), said, complained)
 

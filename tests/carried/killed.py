@@ -42,12 +42,14 @@ from ua_fleet.transport.udp import UdpTransport
 from ua_fleet.wire import Codec
 from ua_fleet.wire.messages import NetworkMessage
 
-__all__ = ["Judged", "judge", "runs_with_kills"]
+__all__ = ["AS_IT_SHOULD_BE", "FOR_GOOD", "Judged", "judge", "runs_with_kills"]
 
 SPEED: Final = 15.0
 RUN_S: Final = 120.0 / SPEED
 """What one run takes, more or less."""
 LONGEST_S: Final = 60.0
+FOR_GOOD: Final = "for good"
+AS_IT_SHOULD_BE: Final = "nine tasks, each done once"
 MENDED_S: Final = 60.0 / SPEED + 1.5
 """So long after a run the drive that has failed turns again, as its robot has told all bridges."""
 SKILLS: Final = Counter(
@@ -247,8 +249,8 @@ async def _main(count: int, seed: int) -> int:
     with ExitStack() as held, tempfile.TemporaryDirectory() as folder:
         domains = [held.enter_context(ros_domain()) for _ in range(DOMAINS)]
         async for judged in runs_with_kills(Path(folder), domains, count, seed):
-            how = "for good" if judged.is_for_good else "started again"
-            what = "; ".join(judged.problems) or "nine tasks, each done once"
+            how = FOR_GOOD if judged.is_for_good else "started again"
+            what = "; ".join(judged.problems) or AS_IT_SHOULD_BE
             sys.stdout.write(f"{judged.run_id}  killed after {judged.killed_after_s:5.2f} s, {how:13}  {what}\n")
             sys.stdout.flush()
             wrong += bool(judged.problems)

@@ -36,6 +36,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from tests import system
+from tests.forking import ForkedProcess
 
 PASSWORD: Final = "white-rabbit-4"
 PATIENCE_S: Final = 60.0
@@ -104,7 +105,7 @@ def missing_line(expected: str, output: str) -> str | None:
 
 
 class PlainCommand(NamedTuple):
-    """A program in Python with its arguments, in a line that means the same without a shell."""
+    """A program with its arguments, in a line that means the same without a shell."""
 
     environment: dict[str, str]
     """What is set before it."""
@@ -112,11 +113,15 @@ class PlainCommand(NamedTuple):
 
 
 _PYTHON: Final = Path(sys.executable)
-_PROGRAMS: Final[Mapping[str, Path]] = {"ua-fleet": _PYTHON.with_name("ua-fleet"), "python": _PYTHON}
+_PROGRAMS: Final[Mapping[str, str | Path]] = {
+    "ua-fleet": _PYTHON.with_name("ua-fleet"),
+    "python": _PYTHON,
+    "sed": "sed",
+}
 
 
 def plain_commands(text: str) -> list[PlainCommand] | None:
-    """The commands of a block, where a shell would only start them: they are forked, which saves each a second.
+    """The commands of a block, where a shell would only start them: those in Python are forked, which saves a second.
 
     None where a line has what a shell looks at, or another program.
     """
@@ -315,9 +320,20 @@ class Walk:
         ours, theirs = os.openpty()
         try:
             environment = {name: value for name, value in self._environment.items() if name != "UA_FLEET_PASSWORD"}
-            process = subprocess.Popen(
-                self._bash(text), env=environment, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True
-            )
+            process: subprocess.Popen[bytes] | ForkedProcess
+            if (commands := plain_commands(text)) is not None and len(commands) == 1:
+                (only,) = commands
+                whole = environment | only.environment
+                process = system.forked(*only.words, env=whole, folder=self.folder, terminal=theirs)
+            else:
+                process = subprocess.Popen(
+                    self._bash(text),
+                    env=environment,
+                    stdin=theirs,
+                    stdout=theirs,
+                    stderr=theirs,
+                    start_new_session=True,
+                )
             os.close(theirs)
             said, answered = "", 0
             # The end of the other side is an error where it is a terminal.

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
-from pathlib import Path
+import sys
 
 import pytest
-from ua_demo.talkrobots.setting import DOMAINS
 
-from tests.carried.killed import Judged, runs_with_kills
-from tests.system import ros_domain
+from tests.carried.killed import AS_IT_SHOULD_BE, FOR_GOOD
+from tests.system import Processes
 
 RUNS = 10
 
 
 @pytest.mark.needs("ros1", "ros2", "ur")
 @pytest.mark.timeout(900)
-async def test_nine_tasks_are_done_once_each_whenever_the_server_is_killed(tmp_path: Path) -> None:
-    runs: list[Judged] = []
-    with ExitStack() as held:
-        domains = [held.enter_context(ros_domain()) for _ in range(DOMAINS)]
-        async for judged in runs_with_kills(tmp_path, domains, RUNS, seed=20):
-            assert not judged.problems, judged
-            runs.append(judged)
-    assert len(runs) == RUNS
-    assert sum(run.is_for_good for run in runs) == RUNS // 2
+def test_nine_tasks_are_done_once_each_whenever_the_server_is_killed(processes: Processes) -> None:
+    # In a process of its own: so the server that is started again, and all others, are forked.
+    killing = processes.start(sys.executable, "-m", "tests.carried.killed", "--runs", str(RUNS), "--seed", "20")
+    code = killing.process.wait(850)
+    killing.end()
+    told = [line for line in killing.lines if "killed after" in line]
+    assert [line for line in told if not line.endswith(AS_IT_SHOULD_BE)] == []
+    assert (code, len(told)) == (0, RUNS), "\n".join(killing.lines)
+    assert sum(FOR_GOOD in line for line in told) == RUNS // 2

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.system import Processes, clean_environment, cli, run
+from tests import forking
+from tests.system import ROS1_PYTHON, Processes, clean_environment, cli, run
 from ua_fleet import __version__
 
 PROGRAM = """
@@ -20,6 +21,8 @@ print("hello", __name__, sys.argv[1:], os.environ.get("OF_THE_TEST"), sorted(os.
 print("to stderr", os.getpgid(0) == os.getpid(), file=sys.stderr)
 if sys.argv[1:] == ["waits"]:
     time.sleep(60)
+while sys.argv[1:] == ["computes"] and time.process_time() < 0.3:
+    pass
 raise SystemExit(3 if sys.argv[1:] == ["fails"] else None)
 """
 
@@ -59,6 +62,25 @@ print("imported", done.stdout.strip(), flush=True)
 asyncio.run(main())
 """
 
+BESIDE = """
+import asyncio, os, sys
+from ua_fleet.bridge.children import end_child, start_child
+async def main():
+    for words in (["imported.py"], ["program.py", "fails"], ["program.py", "computes"]):
+        one = await start_child([sys.argv[2], *words], dict(os.environ))
+        said = await one.stdout.read()
+        print(words[-1], await one.wait(), said.split()[0].decode(), flush=True)
+    two = await start_child([sys.argv[2], "program.py", "waits"], dict(os.environ))
+    print((await two.stdout.readline()).decode()[:5], os.getsid(two.pid) == two.pid, two.returncode, flush=True)
+    await end_child(two)
+    print("ended", two.returncode, flush=True)
+    if "stays" in sys.argv:
+        three = await start_child([sys.argv[2], "program.py", "waits"], dict(os.environ))
+        print("third", three.pid, flush=True)
+        await three.wait()
+asyncio.run(main())
+"""
+
 
 @pytest.fixture
 def program(tmp_path: Path) -> Path:
@@ -90,6 +112,13 @@ def test_it_is_killed_and_its_id_belongs_to_it_until_that_is_known(program: Path
     assert child.end(signal.SIGKILL) == -signal.SIGKILL
     while Path(f"/proc/{child.process.pid}").exists():
         time.sleep(0.01)
+
+
+def test_the_list_of_processes_shows_it(program: Path, processes: Processes) -> None:
+    child = processes.fork(program, "waits")
+    child.wait_for("hello")
+    shown = Path(f"/proc/{child.process.pid}/cmdline").read_bytes().rstrip(b"\0").split(b"\0")
+    assert shown == [os.fsencode(word) for word in (sys.executable, program, "waits")]
 
 
 def test_a_module_is_run_in_the_folder_of_the_test(
@@ -145,6 +174,28 @@ def test_children_of_a_demonstration_are_its_own_and_have_imported_what_they_nee
         "True",
         "ended -15",
     ]
+    child.end(signal.SIGKILL)
+    while Path(f"/proc/{last}").exists():  # it ends with its parent
+        time.sleep(0.01)
+
+
+@pytest.mark.needs("ros1")
+def test_children_in_the_other_python_are_forked_too(
+    program: Path, processes: Processes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(program.parent)
+    (program.parent / "parent.py").write_text(BESIDE)
+    (program.parent / "imported.py").write_text("import sys; print('rospy' in sys.modules)")
+    told = ["imported.py 0 True", "fails 3 hello", "computes 0 hello", "hello True None", "ended -15"]
+    before = forking.computed_s()
+    child = processes.start(sys.executable, "-m", "parent", "demo", ROS1_PYTHON)
+    assert child.process.wait(60) == 0
+    child.end()
+    assert child.lines == told
+    assert 0.3 <= forking.computed_s() - before < 3, "what they have computed counts"
+
+    child = processes.start(sys.executable, "-m", "parent", "demo", ROS1_PYTHON, "stays")
+    last = int(child.wait_for("third").split()[1])
     child.end(signal.SIGKILL)
     while Path(f"/proc/{last}").exists():  # it ends with its parent
         time.sleep(0.01)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
-import subprocess
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import pytest
 
 from tests.integration.cli.conftest import Site, command
 from tests.integration.peer import Peer
+from tests.system import forked
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType
@@ -302,10 +302,7 @@ def test_a_second_server_in_one_folder_is_one_line(site: Site) -> None:
 
 @pytest.mark.parametrize("way", ["--rate", "--table"])
 def test_watch_ends_where_nobody_reads_what_it_tells(site: Site, way: str) -> None:
-    watching = subprocess.Popen(
-        command("watch", GOAL, way), env=site.environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert watching.stdout is not None
+    watching = forked(*command("watch", GOAL, way), env=site.environment())
     assert watching.stderr is not None
     try:
         assert watching.stdout.readline()
@@ -315,7 +312,7 @@ def test_watch_ends_where_nobody_reads_what_it_tells(site: Site, way: str) -> No
     finally:
         watching.kill()
         watching.wait()
-        watching.stderr.close()
+        watching.close()
 
 
 def test_structures_are_shown_by_their_fields(site: Site) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -16,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.integration.cli.conftest import PASSWORD, Ended, Site, command
-from tests.system import clean_environment
+from tests.system import clean_environment, forked, run
 from ua_fleet.cli.app import app
 from ua_fleet.cli.endings import exit_code_of
 from ua_fleet.errors import UaFleetError
@@ -50,15 +49,8 @@ class Home:
         if "PYTHONPATH" not in environment:
             return self._run_here(arguments, stdin, environment)
         inherited = {k: v for k, v in clean_environment().items() if not k.startswith("UA_FLEET_")}
-        ended = subprocess.run(
-            command(*arguments),
-            input=stdin,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=60,
-            env=inherited | {"XDG_STATE_HOME": str(self.folder)} | environment,
-        )
+        whole = inherited | {"XDG_STATE_HOME": str(self.folder)} | environment
+        ended = run(*command(*arguments), env=whole, stdin=stdin)
         assert "Traceback" not in ended.stderr
         assert PASSWORD not in ended.stdout + ended.stderr
         return Ended(ended.returncode, ended.stdout, ended.stderr)
@@ -230,14 +222,8 @@ def on_a_terminal(home: Home, *arguments: str) -> tuple[int, str]:
     """Run a command that asks for a password, and type it."""
     ours, theirs = os.openpty()
     inherited = {k: v for k, v in clean_environment().items() if not k.startswith("UA_FLEET_")}
-    process = subprocess.Popen(
-        command(*arguments),
-        env=inherited | {"XDG_STATE_HOME": str(home.folder)},
-        stdin=theirs,
-        stdout=theirs,
-        stderr=theirs,
-        start_new_session=True,
-    )
+    whole = inherited | {"XDG_STATE_HOME": str(home.folder)}
+    process = forked(*command(*arguments), env=whole, terminal=theirs)
     os.close(theirs)
     said = ""
     try:

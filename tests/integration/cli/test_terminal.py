@@ -6,17 +6,17 @@ import contextlib
 import os
 import pty
 import signal
-import subprocess
 import time
 
 from tests.integration.cli.conftest import Site, command
+from tests.system import forked
 
 
 def on_a_terminal(site: Site, *arguments: str, until: str, **environment: str) -> str:
     """What a command writes to a terminal until it has written a text, and until Ctrl-C has ended it."""
     ours, theirs = pty.openpty()
     variables = site.environment("olga") | {"TERM": "xterm", "COLUMNS": "100", "LINES": "30"} | environment
-    process = subprocess.Popen(command(*arguments), stdin=theirs, stdout=theirs, stderr=theirs, env=variables)
+    process = forked(*command(*arguments), env=variables, terminal=theirs)
     os.close(theirs)
     os.set_blocking(ours, False)
     said = b""

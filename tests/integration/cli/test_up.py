@@ -7,7 +7,6 @@ import pty
 import shutil
 import signal
 import socket
-import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from tests.integration.cli.conftest import PASSWORD, command
-from tests.system import Child, Processes, clean_environment, free_multicast_url, free_tcp_port
+from tests.system import Child, Processes, clean_environment, forked, free_multicast_url, free_tcp_port
 from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 
 FLEET = """\
@@ -62,8 +61,10 @@ def fleet(tmp_path: Path) -> Iterator[Fleet]:
 
 
 def children_of(child: Child) -> list[int]:
+    """What it runs. Beside these it has the process that these are forked off."""
     pid = child.process.pid
-    return [int(one) for one in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    pids = [int(one) for one in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    return [one for one in pids if {"serve", "bridge"} & set(words_of(one))]
 
 
 def are_gone(pids: list[int]) -> bool:
@@ -72,10 +73,15 @@ def are_gone(pids: list[int]) -> bool:
     return all(not stat.exists() or stat.read_text().rpartition(")")[2].split()[0] == "Z" for stat in stats)
 
 
+def words_of(pid: int) -> list[str]:
+    """A process's command line."""
+    return Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0")
+
+
 def named(child: Child, text: str) -> int:
     """The process whose command line has this."""
     for pid in children_of(child):
-        if text in Path(f"/proc/{pid}/cmdline").read_bytes().decode().split("\0"):
+        if text in words_of(pid):
             return pid
     raise AssertionError(f"no process has {text}")
 
@@ -158,9 +164,7 @@ def test_what_is_not_there_is_told(fleet: Fleet) -> None:
 def test_names_are_coloured_on_a_terminal(fleet: Fleet) -> None:
     ours, theirs = pty.openpty()
     environment = {name: value for name, value in fleet.environment.items() if name != "NO_COLOR"}
-    up = subprocess.Popen(
-        command("up", "press"), env=environment, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True
-    )
+    up = forked(*command("up", "press"), env=environment, terminal=theirs)
     os.close(theirs)
     said = b""
     while b"| ready: bridge press" not in said.replace(b"\x1b[0m", b""):
@@ -179,17 +183,11 @@ def test_names_are_coloured_on_a_terminal(fleet: Fleet) -> None:
 
 
 def test_all_of_it_ends_where_nobody_reads_what_it_tells(fleet: Fleet) -> None:
-    up = subprocess.Popen(
-        command("up", "press"),
-        env=fleet.environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-    assert up.stdout is not None
+    up = forked(*command("up", "press"), env=fleet.environment)
     up.stdout.close()
     try:
         assert up.wait(30) == 1
     finally:
         up.kill()
         up.wait()
+        up.close()

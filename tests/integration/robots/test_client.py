@@ -14,7 +14,7 @@ import pytest
 
 from tests.integration.robots.conftest import MACHINE, Yard
 from tests.integration.server_model.harness import ENGINEER, OPERATOR, Running
-from tests.system import clean_environment, cli, run
+from tests.system import clean_environment, cli, forked, run
 from ua_fleet.client import (
     ClientIdentity,
     FleetClient,
@@ -157,13 +157,13 @@ async def test_the_command_line_offers_by_hand_and_by_a_program(yard: Yard) -> N
         code, output, errors = await offering
         assert (code, output) == (0, 'mechanic.repair what="the belt"\n')
         assert "fixed is 'perhaps'; it has to be true or false" in errors
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "ua_fleet.cli", "skill", "offer", "mechanic", "repair"),
+        process = forked(
+            *cli("skill", "offer", "mechanic", "repair"),
             *("--run", f"{sys.executable} {script}", "-u", OPERATOR[0], "-e", running.url),
-            stderr=asyncio.subprocess.DEVNULL,
             env=clean_environment(UA_FLEET_PASSWORD=OPERATOR[1], XDG_CONFIG_HOME=str(yard.folder / "config")),
         )
         assert await called("the belt") == {"fixed": True, "cost": 8.0}
         assert "too high" in await called("the roof")
         process.terminate()
-        assert await process.wait() == 130
+        assert await asyncio.to_thread(process.wait, 60) == 130
+        process.close()

@@ -28,15 +28,7 @@ robots:
 
 
 def config(python: str | Path, *arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [python, "-m", "ua_fleet.cli", "config", *arguments],
-        cwd=folder,
-        env=system.clean_environment(PYTHONPATH=str(system.ROOT)),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    return system.run(python, "-m", "ua_fleet.cli", "config", *arguments, folder=folder)
 
 
 @pytest.mark.parametrize("python", [sys.executable, system.ROS1_PYTHON], ids=["ros2", "ros1"])

@@ -22,15 +22,7 @@ bridges:
 
 
 def config(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "ua_fleet.cli", "config", *arguments],
-        cwd=folder,
-        env=system.clean_environment(PYTHONPATH=str(system.ROOT)),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    return system.run(sys.executable, "-m", "ua_fleet.cli", "config", *arguments, folder=folder)
 
 
 def test_topics_of_a_running_domain_are_written(ros2: Ros2Space, tmp_path: Path) -> None:

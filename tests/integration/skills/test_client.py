@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
-import sys
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
@@ -16,7 +15,7 @@ import pytest
 from tests.contract.skilled import ENDLESS_WORK, FAILING_WORK, REFUSED_WORK
 from tests.integration.server_model.harness import OBSERVER, OPERATOR, Running, until
 from tests.integration.skills.conftest import Hall
-from tests.system import clean_environment, cli, run
+from tests.system import clean_environment, cli, forked, run
 from ua_fleet.cli.status_text import problems_of
 from ua_fleet.client import ClientIdentity, FleetClient, FleetStatus, NodeNotFound, ScenarioClient, fleet_status
 from ua_fleet.client.skills import SkillEvent, SkillExecution
@@ -163,22 +162,23 @@ async def test_a_call_that_is_interrupted_says_what_becomes_of_the_skill(hall: H
     async with at_work(hall) as client:
 
         async def interrupted(*options: str) -> tuple[int | None, str]:
-            process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "ua_fleet.cli", "skill", "call", "machine", "work", f"work={ENDLESS_WORK}"),
+            process = forked(
+                *cli("skill", "call", "machine", "work", f"work={ENDLESS_WORK}"),
                 *("seconds=0", "-u", OPERATOR[0], "-e", client.endpoint, *options),
-                stderr=asyncio.subprocess.PIPE,
                 env=clean_environment(UA_FLEET_PASSWORD=OPERATOR[1], XDG_CONFIG_HOME=str(hall.folder / "config")),
             )
             assert process.stderr is not None
             said = ""
             async with asyncio.timeout(60):
                 while "machine.work  Running  50%  " not in said or "s of at most 20.0 s  working" not in said:
-                    line = await process.stderr.readline()
+                    line = await asyncio.to_thread(process.stderr.readline)
                     assert line, said
-                    said += line.decode()
+                    said += line
             process.send_signal(signal.SIGINT)
-            rest = await process.stderr.read()
-            return await process.wait(), rest.decode()
+            rest = await asyncio.to_thread(process.stderr.read)
+            code = await asyncio.to_thread(process.wait, 60)
+            process.close()
+            return code, rest
 
         code, said = await interrupted()
         assert (code, said.count("\n")) == (130, 1)

@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 
 from tests import system
+from tests.forking import ForkedProcess
 from tests.integration.server_model.harness import ENGINEER, OBSERVER, OPERATOR
 from tests.integration.teleoperation.served import Floor, fleet, floor, until_value
 from tests.system import clean_environment
@@ -90,7 +91,7 @@ async def test_what_cannot_be_is_told_in_one_line(
 class Terminal:
     """A terminal with the command in it."""
 
-    def __init__(self, process: subprocess.Popen[bytes], file: int) -> None:
+    def __init__(self, process: ForkedProcess, file: int) -> None:
         self.process, self._file = process, file
         self.shown = ""
 
@@ -112,9 +113,7 @@ class Terminal:
 @contextmanager
 def terminal(made: Floor, *arguments: str, user: tuple[str, str] = OPERATOR) -> Generator[Terminal]:
     ours, theirs = pty.openpty()
-    process = subprocess.Popen(
-        command("carrier", *arguments), stdin=theirs, stdout=theirs, stderr=theirs, env=environment(made, user)
-    )
+    process = system.forked(*command("carrier", *arguments), env=environment(made, user), terminal=theirs)
     os.close(theirs)
     os.set_blocking(ours, False)
     try:

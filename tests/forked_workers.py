@@ -45,7 +45,7 @@ class ForkedWorkers:
         yield
         _gateway_io.create_io = _create_io
         if self._server is not None:
-            self._server.end()
+            self._server.close()
 
     def _create_io(self, spec: Any, execmodel: Any) -> Any:
         if not spec.popen or spec.python:

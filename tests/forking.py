@@ -321,6 +321,11 @@ class ForkServer:
         self._ours.close()
         return self._process.wait(10)
 
+    def close(self) -> None:
+        """End it, when nobody asks any more what it has complained of."""
+        self.end()
+        self._complaints.close()
+
 
 class SharedForkServer:
     """One that this or another process of the run has started (`share`)."""
@@ -328,11 +333,8 @@ class SharedForkServer:
     def __init__(self, python: str) -> None:
         """Raises ConnectionRefusedError where there is none."""
         self._ours = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        try:
-            self._ours.connect(_address_for(python))
-        except OSError:
-            self._ours.close()
-            raise
+        atexit.register(self._ours.close)
+        self._ours.connect(_address_for(python))
 
     def fork(self, request: Mapping[str, object], descriptors: Sequence[int]) -> int:
         """See ForkServer."""
@@ -370,7 +372,7 @@ def share() -> None:
             listener.listen()
             if Path(python).exists():
                 _started.append(ForkServer(python, str(listener.fileno()), *_IMPORTED, listener=listener))
-                atexit.register(_started[-1].end)
+                atexit.register(_started[-1].close)
 
 
 @functools.cache

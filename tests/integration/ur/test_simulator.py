@@ -19,7 +19,7 @@ from tests.ur_controller import UrController
 pytestmark = pytest.mark.needs("ur")
 
 UPRIGHT = [0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0]
-SAMPLES, SAMPLE_BYTES = 700, 12
+SAMPLE_BYTES = 12
 READY = [0.0, -math.pi / 2, math.pi / 2, -math.pi / 2, -math.pi / 2, 0.0]
 
 
@@ -56,25 +56,27 @@ def test_receive_client_sees_the_state(receive: Any, controller: UrController) -
     assert receive.isEmergencyStopped()
 
 
-def test_every_cycle_of_2_ms_is_sent(controller: UrController) -> None:
-    """A plain socket as the client: 500 samples a second, none left out, none twice."""
+@pytest.mark.parametrize(("frequency", "samples"), [(500.0, 700), (10.0, 8)])
+def test_every_cycle_of_2_ms_is_sent(controller: UrController, frequency: float, samples: int) -> None:
+    """A plain socket as the client: 500 samples a second, none left out, none twice; another one wants 10."""
     with socket.create_connection((controller.host, 30004), 5) as connection:
         names, began = b"timestamp", time.monotonic()
-        for kind, payload in ((b"V", b"\x00\x02"), (b"O", struct.pack(">d", 500.0) + names), (b"S", b"")):
+        for kind, payload in ((b"V", b"\x00\x02"), (b"O", struct.pack(">d", frequency) + names), (b"S", b"")):
             connection.sendall(struct.pack(">H", 3 + len(payload)) + kind + payload)
         data = b""
-        while len(data) < SAMPLES * SAMPLE_BYTES:
+        while len(data) < samples * SAMPLE_BYTES:
             data += connection.recv(65536)
-        assert time.monotonic() - began > 0.9 * SAMPLES / 500, "more than 500 a second"
+        # The answers before the samples have bytes, too.
+        assert time.monotonic() - began > 0.9 * (samples - 3) / frequency, "more than it wanted"
     times: list[float] = []
     while len(data) >= 3:
         (size,) = struct.unpack_from(">H", data)
         if data[2:3] == b"U" and len(data) >= size:
             times.append(struct.unpack_from(">d", data, 4)[0])
         data = data[size:]
-    assert len(times) >= SAMPLES - 3  # the answers before them have bytes, too
+    assert len(times) >= samples - 3
     steps = [after - before for before, after in pairwise(times)]
-    assert steps == pytest.approx([0.002] * len(steps), abs=1e-6)
+    assert steps == pytest.approx([1 / frequency] * len(steps), abs=1e-6)
 
 
 def test_moves_of_the_control_client_take_their_time_and_arrive(control: Any, receive: Any) -> None:

@@ -131,6 +131,11 @@ class Controller:
         return self.runtime is RuntimeState.PLAYING
 
     @property
+    def is_at_rest(self) -> bool:
+        """Whether a cycle changes nothing but the time."""
+        return not (self.is_playing or self._beside or self._due is not None) and self.arm.is_steady
+
+    @property
     def status_bits(self) -> RobotStatus:
         """`robot_status_bits`."""
         bits = RobotStatus(0)

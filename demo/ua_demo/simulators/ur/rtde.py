@@ -23,6 +23,7 @@ __all__ = ["ProtocolError", "RtdeInputs", "RtdeSession"]
 VERSION: Final = 2
 _HEADER: Final = struct.Struct(">HB")
 _MOST_INPUT_RECIPES: Final = 255
+_MANY: Final = 1_000_000
 _WARNING: Final = 2
 """Level of a text message: 0 exception, 1 error, 2 warning, 3 info."""
 
@@ -111,6 +112,11 @@ class RtdeSession:
             payload, self._rest = self._rest[_HEADER.size : size], self._rest[size:]
             answers.append(self._answer(chr(kind), payload))
         return b"".join(answers)
+
+    def cycles_until_due(self, cycle: int) -> int:
+        """Cycles after this one until data are due; many where none are."""
+        recipe = self._output
+        return recipe.every - cycle % recipe.every if recipe is not None and self.is_started else _MANY
 
     def due(self, cycle: int) -> bytes:
         """The data of this cycle; nothing where none is due."""

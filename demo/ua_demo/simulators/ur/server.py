@@ -27,6 +27,8 @@ _MOST_LATE_S: Final = 0.1
 """So late the clock goes on from now: the machine was away."""
 _STATE_EVERY: Final = 50
 """Cycles between two robot states for primary and secondary clients: 10 Hz."""
+_MOST_AT_ONCE: Final = 25
+"""Cycles that are made up for in one turn while nothing happens in them: to wake for each costs more than all else."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,9 @@ class UrSimulator:
         self._silent: str | None = None
         """Which kind of client is not answered, the empty text for all; None: each is."""
         self._cycle = 0
+        self._due = 0.0
+        """When the last cycle was due."""
+        self._woken: asyncio.Future[bool] | None = None
         self._logged = 0.0
 
     async def __aenter__(self) -> Self:
@@ -96,15 +101,47 @@ class UrSimulator:
     async def run(self) -> None:
         """The clock: a cycle each 2 ms, none left out."""
         loop = asyncio.get_running_loop()
-        due = loop.time()
+        self._due = loop.time()
         while True:
-            due += PERIOD_S
+            due = self._due + PERIOD_S * self._calm_cycles()
             late = loop.time() - due
             if late > _MOST_LATE_S:
-                due = loop.time()
-            await asyncio.sleep(max(-late, _LEAST_GAP_S))
-            self.controller.jitter_s = max(loop.time() - due, 0.0)
+                self._due = due = loop.time()
+            if await self._slept(max(-late, _LEAST_GAP_S)):
+                self.controller.jitter_s = max(loop.time() - due, 0.0)
+                self._catch_up(due + PERIOD_S / 2)
+
+    async def _slept(self, seconds: float) -> bool:
+        """Sleep; whether it was not ended by something that came in."""
+        self._woken = asyncio.get_running_loop().create_future()
+        timer = asyncio.get_running_loop().call_later(seconds, self._wake, True)
+        try:
+            return await self._woken
+        finally:
+            timer.cancel()
+
+    def _wake(self, as_planned: bool) -> None:
+        if self._woken is not None and not self._woken.done():
+            self._woken.set_result(as_planned)
+
+    def _calm_cycles(self) -> int:
+        """Cycles until one, itself included, in which something may happen or is sent."""
+        if not self.controller.is_at_rest or any(client.kind == "realtime" for client in self._clients):
+            return 1
+        sending = [client.rtde.cycles_until_due(self._cycle) for client in self._clients if client.rtde is not None]
+        return min([_MOST_AT_ONCE - self._cycle % _MOST_AT_ONCE, *sending])
+
+    def _catch_up(self, until: float) -> None:
+        """Do the cycles that were due before."""
+        while self._due + PERIOD_S < until:
+            self._due += PERIOD_S
             self._step()
+
+    def _something_comes(self) -> None:
+        """Be where the clock is, and have it go on with single cycles."""
+        if self.controller.is_at_rest:
+            self._catch_up(min(asyncio.get_running_loop().time(), self._due + PERIOD_S * _MOST_AT_ONCE))
+            self._wake(False)
 
     def _step(self) -> None:
         controller = self.controller
@@ -139,6 +176,7 @@ class UrSimulator:
         data = await reader.read(_READ_BYTES)
         while self._is_silent(kind) and data:
             data = await reader.read(_READ_BYTES)
+        self._something_comes()
         return data
 
     async def _talk(
@@ -203,6 +241,7 @@ class UrSimulator:
     async def _serve_provoking(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
             async for line in reader:
+                self._something_comes()
                 writer.write(self._provoking.answer(line.decode("utf-8", "replace")).encode() + b"\n")
                 await writer.drain()
         except (OSError, ValueError) as error:

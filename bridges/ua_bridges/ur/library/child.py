@@ -39,7 +39,8 @@ class LibraryChild:
         """
         try:
             self._process = subprocess.Popen(  # noqa: S603 - our own module, and values that the configuration checked
-                [sys.executable, "-m", f"ua_bridges.ur.library.{module}", *arguments],
+                # Where modules are is told: so it need not look for that at its start, for longer than all else there.
+                [sys.executable, "-S", "-m", f"ua_bridges.ur.library.{module}", *arguments],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,

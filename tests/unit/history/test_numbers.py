@@ -59,8 +59,8 @@ def test_a_line_to_a_bound_goes_past_what_is_no_number(start: float, end: float,
     """It is the nearest row around an interval, and as little of use as a Bad one."""
     rows = [Row(NOON + second * S, 0, 11, value) for second, value in enumerate((1.0, NAN, 3.0, NAN, 5.0))]
     as_bad = [row if row.value == row.value else Row(row.time, 0x8000_0000, 0, None) for row in rows]
-    times = [NOON + int(second * S) for second in ((end, start) if backward else (start, end))]
-    read = ProcessedRead(*times, 0, Aggregate.TIME_AVERAGE, SETTING)
+    first, last = [NOON + int(second * S) for second in ((end, start) if backward else (start, end))]
+    read = ProcessedRead(first, last, 0, Aggregate.TIME_AVERAGE, SETTING)
     found = page_of(ListSeries(rows), read).rows
     assert found == page_of(ListSeries(as_bad), read).rows
     assert found[0].value is not None

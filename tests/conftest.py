@@ -13,7 +13,7 @@ from typing import Any, Final
 import pytest
 import structlog
 
-from tests import command_tree, known_keys, system
+from tests import command_tree, crashes, known_keys, system
 from tests.postgres import Postgres
 
 try:
@@ -53,6 +53,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--computing", action="store_true", help="show the seconds that each file of tests computes")
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("--record-durations") and not hasattr(config, "workerinput"):
         from tests.schedule import DurationRecorder
@@ -62,6 +63,7 @@ def pytest_configure(config: pytest.Config) -> None:
         from tests.forked_workers import ForkedWorkers
 
         config.pluginmanager.register(ForkedWorkers())
+    crashes.ask_less(config)
     if config.getoption("--computing"):
         from tests import computing
 

@@ -30,7 +30,7 @@ from ua_fleet.endpoint.diagnostics import Diagnostics
 from ua_fleet.endpoint.kept_events import EventKeeper
 from ua_fleet.endpoint.limits import CHUNK_BYTES, EndpointLimits
 from ua_fleet.endpoint.listener import EndpointListener
-from ua_fleet.endpoint.node_builder import paused_collection, release_collection
+from ua_fleet.endpoint.node_builder import nodes_of, paused_collection, release_collection
 from ua_fleet.endpoint.queues import Queues
 from ua_fleet.endpoint.server_methods import ServerMethods
 from ua_fleet.endpoint.services import Services
@@ -58,6 +58,7 @@ _ENCRYPTED = [
     ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
     ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
 ]
+_ACCESS = (AttributeIds.AccessLevel, AttributeIds.UserAccessLevel)
 _POLICY_URIS = (
     security_policies.SecurityPolicyBasic256Sha256.URI,
     security_policies.SecurityPolicyAes128Sha256RsaOaep.URI,
@@ -188,12 +189,11 @@ class HardenedServer(Server):
 
 def _close_standard_nodes(server: Server) -> None:
     """Take the right to write from the nodes of the base namespace: nothing stands behind them."""
-    aspace = server.iserver.aspace
-    for node_id in list(aspace.keys()):
+    for node_id, node in nodes_of(server.iserver.aspace).items():
         if node_id.NamespaceIndex != 0:
             continue
-        for attribute in (AttributeIds.AccessLevel, AttributeIds.UserAccessLevel):
-            held = aspace[node_id].attributes.get(attribute)
+        for attribute in _ACCESS:
+            held = node.attributes.get(attribute)
             variant = held.value.Value if held is not None and held.value is not None else None
             if held is not None and variant is not None and variant.Value and variant.Value & WRITE:
                 held.value = ua.DataValue(ua.Variant(variant.Value & ~WRITE, ua.VariantType.Byte))
@@ -317,5 +317,5 @@ async def create_server(
     fill_pubsub(space, key_service=bridges is not None, pushed_keys=pushed_keys)
     close_declarations(space)
     await server.prepare(context, config.host, config.port)
-    share_attributes(space)
+    share_attributes(nodes_of(space))
     return server

@@ -16,7 +16,7 @@ Methods of ObjectTypes stay as the standard has them. Instances share them, or h
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -25,13 +25,13 @@ from asyncua.server.address_space import AddressSpace
 
 from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.limits import EndpointLimits
+from ua_fleet.endpoint.node_builder import nodes_of
 from ua_fleet.endpoint.stack import AttributeIds, ObjectIds, ns0
 
 __all__ = ["close_declarations", "fill_pubsub", "fill_standard_nodes", "remove_unsupported", "set_value"]
 
 _BELOW: Final = frozenset(
-    ns0(reference)
-    for reference in (
+    (
         ObjectIds.Organizes,
         ObjectIds.HasComponent,
         ObjectIds.HasOrderedComponent,
@@ -39,6 +39,7 @@ _BELOW: Final = frozenset(
         ObjectIds.HasAddIn,
     )
 )
+"""ReferenceTypes, by their numbers: whoever goes through all references would hash each type's NodeId."""
 _READ: Final = 1 << ua.AccessLevel.CurrentRead.value
 
 _UNSUPPORTED: Final = (
@@ -181,21 +182,27 @@ def _tree(space: AddressSpace, top: ua.NodeId) -> Iterator[ua.NodeId]:
     while waiting:
         node_id = waiting.pop()
         yield node_id
-        waiting += [
-            reference.NodeId
-            for reference in space[node_id].references
-            if reference.IsForward and reference.ReferenceTypeId in _BELOW and reference.NodeId in space
-        ]
+        waiting += [target for target in _targets_below(space[node_id]) if target in space]
+
+
+def _targets_below(node: Any) -> list[Any]:
+    """What a node refers to as below it."""
+    return [
+        reference.NodeId
+        for reference in node.references
+        if reference.IsForward and (kind := reference.ReferenceTypeId).Identifier in _BELOW and not kind.NamespaceIndex
+    ]
 
 
 def close_declarations(space: AddressSpace) -> None:
     """Variables and VariableTypes that are none of an instance, and have no value, do not say that it is Null."""
-    instances = set(_reachable(space, ns0(ObjectIds.ObjectsFolder)))
+    nodes = nodes_of(space)
+    instances = _reachable(nodes, ns0(ObjectIds.ObjectsFolder))
     closed = HeldValue(ua.DataValue(ua.Variant(0, ua.VariantType.Byte)))
-    for node_id in space.keys():  # noqa: SIM118 - an AddressSpace is no mapping
-        attributes: Any = space[node_id].attributes
+    for node in nodes.values():
+        attributes: Any = node.attributes
         held = attributes.get(AttributeIds.Value)
-        if held is None or node_id in instances or held.value_callback is not None:
+        if held is None or held.value_callback is not None or id(node) in instances:
             continue
         if held.value is not None and held.value.Value is not None and held.value.Value.Value is not None:
             continue
@@ -205,17 +212,18 @@ def close_declarations(space: AddressSpace) -> None:
             attributes[AttributeIds.AccessLevel] = attributes[AttributeIds.UserAccessLevel] = closed
 
 
-def _reachable(space: AddressSpace, top: ua.NodeId) -> Iterator[ua.NodeId]:
-    seen = {top}
-    waiting = [top]
+def _reachable(nodes: Mapping[ua.NodeId, Any], top: ua.NodeId) -> set[int]:
+    """What is below a node, by what `id` says of the nodes: to hash a NodeId takes longer than all the rest."""
+    first = nodes[top]
+    seen = {id(first)}
+    waiting = [first]
     while waiting:
-        node_id = waiting.pop()
-        yield node_id
-        for reference in space[node_id].references:
-            target = reference.NodeId
-            if reference.IsForward and reference.ReferenceTypeId in _BELOW and target in space and target not in seen:
-                seen.add(target)
-                waiting.append(target)
+        for target in _targets_below(waiting.pop()):
+            node = nodes.get(target)
+            if node is not None and id(node) not in seen:
+                seen.add(id(node))
+                waiting.append(node)
+    return seen
 
 
 def fill_standard_nodes(space: AddressSpace, limits: EndpointLimits, policies: Iterable[str]) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 from asyncua.server.server import Server
 
 from tests.standard_space import quick_start
+from ua_fleet.endpoint.node_builder import nodes_of
 from ua_fleet.endpoint.standard_nodes import forget_makers, share_attributes
 from ua_fleet.nodes.nodeset import load_types
 
@@ -28,7 +29,7 @@ async def test_what_nodes_have_in_common_is_one_object_and_reads_the_same() -> N
         return len({id(held) for node_id in space.keys() for held in space[node_id].attributes.values()})  # noqa: SIM118
 
     before, many = seen(), objects()
-    share_attributes(space)
+    share_attributes(nodes_of(space))
     assert seen() == before
     assert objects() < many / 2
     name = server.get_node("i=2261")  # ProductUri: a Value is a node's own

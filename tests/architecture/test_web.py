@@ -121,3 +121,20 @@ def test_each_page_is_seen_at_the_greatest_width() -> None:
     assert sorted(WIDEST_PICTURES) == sorted([*pages, "login"])
     tests = "".join(path.read_text(encoding="utf-8") for path in (system.ROOT / "tests" / "console").glob("test_*.py"))
     assert [name for name in WIDEST_PICTURES.values() if f', "{name}")' not in tests] == []
+
+
+def test_a_theme_is_colours_alone() -> None:
+    """So axe looks for the rest in one of them."""
+    styles = {path: path.read_text(encoding="utf-8") for path in (*PAGES, *(WEB / "src" / "styles").glob("*.css"))}
+    tokens = styles[WEB / "src" / "styles" / "tokens.css"]
+    dark = re.findall(r"data-theme='dark'\] \{(.*?)\}", tokens, re.DOTALL)
+    declared = re.findall(r"^\s*([\w-]+):\s*(.*?);$", "".join(dark), re.MULTILINE)
+    assert len(declared) > 20
+    is_colour = re.compile(r"#[0-9a-f]{6}|(?:0 \d+px \d+px )?rgb\([\d %/]+\)|dark")
+    assert [name for name, value in declared if not is_colour.fullmatch(value)] == []
+    asks = re.compile(r"data-theme|prefers-color-scheme|light-dark\(")
+    assert {path.name: len(asks.findall(style)) for path, style in styles.items() if asks.search(style)} == {
+        "tokens.css": 1
+    }
+    told = {path.name for path in SOURCES if "theme.shown" in path.read_text(encoding="utf-8")}
+    assert told == {"ChartPanel.svelte", "ThemeMenu.svelte"}, "of which one draws anew and one has another picture"

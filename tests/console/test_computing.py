@@ -5,7 +5,7 @@ from __future__ import annotations
 from tests.computing import computed
 from tests.console import browsing
 
-BUSY = "let n = 0; for (let i = 0; i < 5e8; i += 1) n = (n + i) % 1000003; n"
+BUSY = "let n = 0; for (let i = 0; i < 15e7; i += 1) n = (n + i) % 1000003; n"
 LEAST_S = 0.75
 """So many divisions take a page more."""
 

@@ -422,7 +422,11 @@ async def test_a_value_is_found_at_the_time_that_it_has(
     with contextlib.closing(SqliteHistory(path)) as store:
         store.write([(KEY, Row(exact + 10 * at, 0, int(BuiltinType.DOUBLE), float(at))) for at in range(3)], exact)
     encoded = ua.datetime_to_win_epoch
-    monkeypatch.setattr(ua, "datetime_to_win_epoch", lambda time: exact if time == moment(1) else encoded(time))
+
+    def encoded_exactly(time: datetime) -> int:
+        return exact if time == moment(1) else int(encoded(time))
+
+    monkeypatch.setattr(ua, "datetime_to_win_epoch", encoded_exactly)
     async with historian(udp_url, tcp_port, tmp_path) as running, running.client() as client:
         [result] = await ask(client, ua.ReadAtTimeDetails([moment(1)], False), SPEED_NODE)
         [data] = result.HistoryData.DataValues

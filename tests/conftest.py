@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import logging
+import os
+import resource
 import signal
 import sys
 import threading
@@ -36,6 +38,13 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # nohup does the same to SIGHUP, which a terminal sends that is closed.
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+_FILES: Final = 20_000
+# Where Debian has mosquitto and ip, which a user's PATH does not name; and more open files than a user has at first.
+os.environ["PATH"] = os.pathsep.join([os.environ.get("PATH", os.defpath), "/usr/sbin", "/sbin"])
+_few, _most = resource.getrlimit(resource.RLIMIT_NOFILE)
+if 0 <= _few < _FILES and (_most < 0 or _most > _few):
+    resource.setrlimit(resource.RLIMIT_NOFILE, (_FILES if _most < 0 else min(_FILES, _most), _most))
 
 CHILDREN: Final = "Child processes of "
 """A report's section."""

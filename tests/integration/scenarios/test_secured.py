@@ -83,13 +83,14 @@ async def test_a_run_goes_on_through_new_keys_a_fault_and_a_bridge_that_comes_ba
 
             await started()
             await until(told, lambda jobs: jobs == [("middle", "by hand")])
-            before = tokens(server.peer, RIGHT)
 
             run_id = await run(client, "work_on")
             await until(told, lambda jobs: ("left", "long") in jobs)
             bridges["left"].end(signal.SIGKILL)
             await seen.wait_for("middle takes over from left")
             await until(told, lambda jobs: ("middle", "after") in jobs)
+            await until(told, lambda jobs: ("right", "lap") in jobs)
+            before = tokens(server.peer, RIGHT)
             await says(plant.start_bridge("left"), "ready")
             active = client.get_node("ns=2;s=Fleet.Faults.left.silent.ActiveState.Id")
             await until(active.read_value, lambda is_active: is_active is False)

@@ -7,7 +7,8 @@
 """
 
 import argparse
-import sys
+import signal
+import time
 
 import genpy.message
 import rospy
@@ -24,21 +25,35 @@ parser.add_argument("--name", default="talker")
 parser.add_argument("--wait", action="store_true", help="until there is a subscriber")
 args = parser.parse_args()
 
-rospy.init_node(args.name, disable_rosout=True)
+# rospy's own handler of signals waits for locks that the publishing in its midst may hold, and then for ever.
+ended: list[object] = []
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, lambda which, _: ended.append(which))
+
+
+def rest(until_s: float) -> None:
+    """Sleep until then, or until this is to end."""
+    while not ended and (left_s := until_s - time.monotonic()) > 0:
+        time.sleep(min(left_s, 0.05))
+
+
+rospy.init_node(args.name, disable_rosout=True, disable_signals=True)
 message_class = genpy.message.get_message_class(args.type)
 publisher = rospy.Publisher(args.topic, message_class, queue_size=1000, latch=args.latch)
 print("ready", flush=True)
-while args.wait and publisher.get_num_connections() == 0 and not rospy.is_shutdown():
-    rospy.sleep(0.01)
-rate = rospy.Rate(args.rate)
-number = 0
-while not rospy.is_shutdown():
-    if args.count and number >= args.count:
+while args.wait and publisher.get_num_connections() == 0 and not ended:
+    time.sleep(0.01)
+due_s = time.monotonic()
+published = 0
+while not ended:
+    if args.count and published >= args.count:
         print("published", flush=True)
-        rospy.spin()
-        sys.exit()
+        rest(float("inf"))
+        break
     message = message_class()
-    genpy.message.fill_message_args(message, [yaml.safe_load(args.yaml.replace("COUNT", str(number)))])
+    genpy.message.fill_message_args(message, [yaml.safe_load(args.yaml.replace("COUNT", str(published)))])
     publisher.publish(message)
-    number += 1
-    rate.sleep()
+    published += 1
+    due_s = max(due_s + 1 / args.rate, time.monotonic() - 1)
+    rest(due_s)
+rospy.signal_shutdown("ended")

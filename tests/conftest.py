@@ -40,7 +40,8 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 _FILES: Final = 20_000
-# Where Debian has mosquitto and ip, which a user's PATH does not name; and more open files than a user has at first.
+"""So many a process of tests may have open, if it can: a user has 1,024 at first, and a flood needs more."""
+# Where Debian has mosquitto and ip, which a user's PATH does not name.
 os.environ["PATH"] = os.pathsep.join([os.environ.get("PATH", os.defpath), "/usr/sbin", "/sbin"])
 _few, _most = resource.getrlimit(resource.RLIMIT_NOFILE)
 if 0 <= _few < _FILES and (_most < 0 or _most > _few):

@@ -156,12 +156,17 @@ def test_the_first_server_of_each_has_the_nodes_of_the_standard_and_the_second_m
         assert int(first.split()[1]) > 5000
 
 
+def write_parent(program: Path, text: str, module: str) -> Path:
+    """The folder of a program that starts others beside it, one of which says whether it has imported a module."""
+    (program.parent / "parent.py").write_text(text)
+    (program.parent / "imported.py").write_text(f"import sys; print({module!r} in sys.modules)")
+    return program.parent
+
+
 def test_children_of_a_demonstration_are_its_own_and_have_imported_what_they_need(
     program: Path, processes: Processes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(program.parent)
-    (program.parent / "parent.py").write_text(PARENT)
-    (program.parent / "imported.py").write_text("import sys; print('ua_fleet.server.app' in sys.modules)")
+    monkeypatch.chdir(write_parent(program, PARENT, "ua_fleet.server.app"))
     child = processes.start(sys.executable, "-m", "parent", "demo")
     last = int(child.wait_for("third").split()[1])
     assert child.lines[:-1] == [
@@ -183,9 +188,7 @@ def test_children_of_a_demonstration_are_its_own_and_have_imported_what_they_nee
 def test_children_in_the_other_python_are_forked_too(
     program: Path, processes: Processes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.chdir(program.parent)
-    (program.parent / "parent.py").write_text(BESIDE)
-    (program.parent / "imported.py").write_text("import sys; print('rospy' in sys.modules)")
+    monkeypatch.chdir(write_parent(program, BESIDE, "rospy"))
     told = ["imported.py 0 True", "fails 3 hello", "computes 0 hello", "hello True None", "ended -15"]
     before = forking.computed_s()
     child = processes.start(sys.executable, "-m", "parent", "demo", ROS1_PYTHON)

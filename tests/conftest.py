@@ -63,8 +63,17 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--computing", action="store_true", help="show the seconds that each file of tests computes")
 
 
+def _required(config: pytest.Config) -> set[str]:
+    return {part for part in str(config.getoption("--require")).split(",") if part}
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config: pytest.Config) -> None:
+    if unknown := _required(config) - system.PARTS.keys():
+        raise pytest.UsageError(
+            f"--require: no part of the system is called {', '.join(sorted(unknown))}; "
+            f"there are {', '.join(sorted(system.PARTS))}"
+        )
     if config.getoption("--record-durations") and not hasattr(config, "workerinput"):
         from tests.schedule import DurationRecorder
 
@@ -97,7 +106,7 @@ def pytest_collection_finish(session: pytest.Session) -> None:
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    required = {part for part in str(item.config.getoption("--require")).split(",") if part}
+    required = _required(item.config)
     for marker in item.iter_markers("needs"):
         for part in marker.args:
             reason = system.missing(part)

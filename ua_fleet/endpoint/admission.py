@@ -79,6 +79,10 @@ class Admission:
         self._most = most_connections
         self._places = max(1, most_connections // 4)
 
+    def has_room(self, connections: int) -> bool:
+        """Whether nothing has to give way to a new one, whoever the others are."""
+        return connections < min(self._places, self._most)
+
     def make_room(
         self, waiting: Collection[Waiting[Key]], connections: int, *, beside_gateway: bool = False
     ) -> tuple[list[Key], bool]:

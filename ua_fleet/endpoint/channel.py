@@ -102,7 +102,7 @@ class Channel:
             max_message_size=CHUNK_BYTES,
         )
         self._secure = CheckedConnection(self._transport_limits, policies, self._look)
-        self._none_offered = any(policy.cls.URI == NONE_URI for policy in policies)
+        self._policies = policies
         self._hello = False
         self._asked: ChannelOpened | None = None
         self._most_chunks = 0
@@ -138,7 +138,7 @@ class Channel:
     @property
     def sessions_allowed(self) -> bool:
         """Whether more than discovery may be done on this channel."""
-        return self.secured or self._none_offered
+        return self.secured or any(policy.cls.URI == NONE_URI for policy in self._policies)
 
     @property
     def channel_id(self) -> int:
@@ -274,12 +274,13 @@ class Channel:
         answer = _ACKNOWLEDGE.pack(b"ACKF", _ACKNOWLEDGE.size, 0, receive, send, most, most // MIN_CHUNK_BYTES + 1)
         self.output.append(answer)
 
-    def _look(self, uri: str, chain: list[x509.Certificate]) -> None:
+    def _look(self, uri: str, certificate: bytes, chain: list[x509.Certificate]) -> None:
         """Raise CertificateRefused before the server's private key is used for a stranger's message."""
         self._check_shown(chain)
-        certificate = der(chain[0])[:MAX_CHAIN_BYTES]
         # What else it asks for is encrypted yet.
-        self._asked = ChannelOpened(0, certificate, renewal=False, policy_uri=uri, mode=0, lifetime_ms=0.0)
+        self._asked = ChannelOpened(
+            0, certificate[:MAX_CHAIN_BYTES], renewal=False, policy_uri=uri, mode=0, lifetime_ms=0.0
+        )
         self._trust.check(chain)
 
     def _open(self, opening: Opening) -> None:

@@ -8,13 +8,14 @@ Whether a client's certificate is good now is asked elsewhere, at each opening: 
 from __future__ import annotations
 
 import functools
-import hmac
 import time
 from typing import Any, Final
 
 from asyncua.crypto import security_policies
 from asyncua.crypto.security_policies import SecurityPolicyFactory
 from cryptography import x509
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.hmac import HMAC
 
 __all__ = ["derive_keys", "make_keys", "policy_of"]
 
@@ -22,12 +23,16 @@ _crypto: Final[Any] = security_policies
 """Its classes have no types."""
 _BLOCK: Final = 16
 """Of AES, whatever its key: the bytes of an initialization vector."""
-_DIGEST: Final = "sha256"
 
 
-def policy_of(factory: SecurityPolicyFactory, certificate: x509.Certificate) -> Any:
-    """A policy for one channel of a client with this certificate, without symmetric keys yet."""
+def policy_of(factory: SecurityPolicyFactory, certificate: x509.Certificate | None) -> Any:
+    """A policy for one channel of a client with this certificate, without symmetric keys yet.
+
+    That of a channel without security, whose client has none, has nothing that a channel would change.
+    """
     known = _policy_of(factory, certificate)
+    if certificate is None:
+        return known
     made = object.__new__(type(known))
     made.__dict__.update(known.__dict__)
     # Both are told which key to use, so each channel has its own.
@@ -38,18 +43,25 @@ def policy_of(factory: SecurityPolicyFactory, certificate: x509.Certificate) -> 
 
 
 @functools.lru_cache(256)
-def _policy_of(factory: SecurityPolicyFactory, certificate: x509.Certificate) -> Any:
-    """The keys of both, in the form that they are used in; no channel uses this one itself."""
+def _policy_of(factory: SecurityPolicyFactory, certificate: x509.Certificate | None) -> Any:
+    """The keys of both, in the form that they are used in."""
     create: Any = factory.create
     return create(certificate)
 
 
 def derive_keys(secret: bytes, seed: bytes, sizes: tuple[int, ...]) -> list[bytes]:
     """Keys of so many bytes each, by P_SHA256 (OPC 10000-6 6.7.5)."""
+    keyed = HMAC(secret, SHA256())
+
+    def digest(data: bytes) -> bytes:
+        one = keyed.copy()
+        one.update(data)
+        return one.finalize()
+
     made, step = b"", seed
     while len(made) < sum(sizes):
-        step = hmac.digest(secret, step, _DIGEST)
-        made += hmac.digest(secret, step + seed, _DIGEST)
+        step = digest(step)
+        made += digest(step + seed)
     keys: list[bytes] = []
     for size in sizes:
         keys.append(made[:size])

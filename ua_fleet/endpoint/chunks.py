@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import hmac
 import struct
+from collections.abc import Callable
 from typing import Any, Final
 
 from cryptography.hazmat.primitives.ciphers import Cipher
+from cryptography.hazmat.primitives.ciphers.modes import CBC
 from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.hmac import HMAC
 
@@ -21,10 +23,11 @@ __all__ = [
     "NO_KEYS",
     "SEQUENCE",
     "ChunkKeys",
-    "keys_of",
     "most_body",
     "open_chunk",
+    "opening_keys",
     "seal_chunk",
+    "sealing_keys",
 ]
 
 HEAD: Final = struct.Struct("<4sIII")
@@ -40,12 +43,42 @@ _PADDINGS: Final = tuple(bytes([size]) * (size + 1) for size in range(_BLOCK))
 """PaddingSize and so many bytes, each of this value."""
 
 
+class _Cipher:
+    """AES in CBC mode by which each chunk begins with the same vector, in one direction.
+
+    One context of OpenSSL goes on from chunk to chunk. It takes the last encrypted block of the one before for the
+    vector, which the first block of each makes up for: a context for each would take as long as encrypting does.
+    """
+
+    __slots__ = ("_before", "_update", "_vector")
+
+    def __init__(self, update: Callable[[bytes], bytes], vector: bytes) -> None:
+        self._update = update
+        self._before = self._vector = int.from_bytes(vector)
+
+    def encrypted(self, plain: bytes) -> bytes:
+        """The whole blocks of a chunk, at least one, encrypted."""
+        made = self._update(self._from_vector(plain[:_BLOCK]) + plain[_BLOCK:])
+        self._before = int.from_bytes(made[-_BLOCK:])
+        return made
+
+    def decrypted(self, made: bytes) -> bytes:
+        """The whole blocks of a chunk, at least one, decrypted."""
+        plain = self._update(made)
+        plain = self._from_vector(plain[:_BLOCK]) + plain[_BLOCK:]
+        self._before = int.from_bytes(made[-_BLOCK:])
+        return plain
+
+    def _from_vector(self, first: bytes) -> bytes:
+        return (int.from_bytes(first) ^ self._before ^ self._vector).to_bytes(_BLOCK)
+
+
 class ChunkKeys:
     """What the chunks of one direction are signed and encrypted by; without a cipher they are signed alone."""
 
     __slots__ = ("cipher", "signer")
 
-    def __init__(self, signing_key: bytes | None, cipher: Cipher[Any] | None) -> None:
+    def __init__(self, signing_key: bytes | None, cipher: _Cipher | None) -> None:
         self.signer = None if signing_key is None else HMAC(signing_key, SHA256())
         self.cipher = cipher
 
@@ -54,9 +87,25 @@ NO_KEYS: Final = ChunkKeys(None, None)
 """Of a channel without security."""
 
 
-def keys_of(signing: Any, encrypting: Any, *, encrypted: bool) -> ChunkKeys:
-    """The keys that asyncua has made: of HMAC-SHA256 and AES in CBC mode, as all policies of this server have them."""
-    return ChunkKeys(signing.key, encrypting.cipher if encrypted else None)
+def sealing_keys(key: bytes, cipher: Cipher[Any] | None) -> ChunkKeys:
+    """What chunks are made by: HMAC-SHA256 and AES in CBC mode, as all policies of this server have them.
+
+    Args:
+        key: signs.
+        cipher: encrypts; None where chunks are signed alone.
+    """
+    return ChunkKeys(key, None if cipher is None else _Cipher(cipher.encryptor().update, _vector_of(cipher)))
+
+
+def opening_keys(key: bytes, cipher: Cipher[Any] | None) -> ChunkKeys:
+    """What chunks are opened by; as `sealing_keys`."""
+    return ChunkKeys(key, None if cipher is None else _Cipher(cipher.decryptor().update, _vector_of(cipher)))
+
+
+def _vector_of(cipher: Cipher[Any]) -> bytes:
+    mode: Any = cipher.mode
+    assert isinstance(mode, CBC)
+    return bytes(mode.initialization_vector)
 
 
 def most_body(keys: ChunkKeys, chunk_bytes: int) -> int:
@@ -76,9 +125,9 @@ def open_chunk(frame: bytes, keys: ChunkKeys) -> bytes | None:
         return frame[HEAD.size :]
     plain = frame[HEAD.size :]
     if keys.cipher is not None:
-        if len(plain) % _BLOCK:
+        if len(plain) % _BLOCK or not plain:
             return None
-        plain = keys.cipher.decryptor().update(plain)
+        plain = keys.cipher.decrypted(plain)
     end = len(plain) - _SIGNATURE
     if end < SEQUENCE.size:
         return None
@@ -113,4 +162,4 @@ def seal_chunk(kind: bytes, channel_id: int, token_id: int, sequence: bytes, bod
     made = signer.copy()
     made.update(head + plain)
     plain += made.finalize()
-    return head + (plain if keys.cipher is None else keys.cipher.encryptor().update(plain))
+    return head + (plain if keys.cipher is None else keys.cipher.encrypted(plain))

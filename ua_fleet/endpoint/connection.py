@@ -7,6 +7,7 @@ waits and not our memory. Frames are cut out of it as they are processed, one af
 from __future__ import annotations
 
 import asyncio
+import struct
 import time
 from collections.abc import Callable
 from typing import Final, Protocol
@@ -16,8 +17,9 @@ from ua_fleet.endpoint.limits import CHUNK_BYTES
 
 __all__ = ["FrameError", "Handler", "TcpConnection"]
 
-_HEADER: Final = 8
+_HEAD: Final = struct.Struct("<3scI")
 """Message type, chunk type and size (OPC 10000-6 7.1.2.2)."""
+_HEADER: Final = _HEAD.size
 _TYPES: Final = (b"HEL", b"OPN", b"MSG", b"CLO")
 _OPENING: Final = (b"HEL", b"OPN")
 _MAX_HELLO: Final = 8_192
@@ -269,13 +271,13 @@ class TcpConnection(asyncio.BufferedProtocol):
         """Size of the frame that has begun, 0 while its header is not here; raises FrameError."""
         if self._end - self._start < _HEADER:
             return 0
-        head = bytes(self._buffer[self._start : self._start + _HEADER])
-        if head[:3] not in _TYPES or head[3:4] not in (b"F", b"C", b"A"):
+        size: int
+        kind, chunk, size = _HEAD.unpack_from(self._buffer, self._start)
+        if kind not in _TYPES or chunk not in (b"F", b"C", b"A"):
             raise FrameError(BAD_TCP_MESSAGE_TYPE_INVALID, "no OPC UA message")
-        size = int.from_bytes(head[4:], "little")
-        if head[:3] == b"HEL":
-            room = min(room, _MAX_HELLO)
-        least = _HEADER if head[:3] == b"HEL" else _HEADER + 4
+        least = _HEADER + 4
+        if kind == b"HEL":
+            room, least = min(room, _MAX_HELLO), _HEADER
         if not least < size <= min(room, CHUNK_BYTES):
             raise FrameError(BAD_TCP_MESSAGE_TOO_LARGE, f"a frame of {size} bytes, {room} are allowed")
         return size

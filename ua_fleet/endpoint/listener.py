@@ -104,6 +104,8 @@ class EndpointListener:
         if charges.is_exhausted(connection.address, time.monotonic()):
             refuse_stranger(self._context, connection.peer)
             return False
+        if self._admission.has_room(len(self._connections)):
+            return True
         waiting = [
             Waiting(other, processor.waiting_as, processor.progress, other.opened_at, processor.is_beside_gateway)
             for other, processor in self._connections.items()

@@ -8,6 +8,7 @@ here; those of renewals go through asyncua's code, which knows what may come bet
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import struct
 from typing import Any, Final, NamedTuple
@@ -111,6 +112,13 @@ def open_opening(frame: bytes, start: int, policy: Any) -> tuple[int, Message]:
     return sequence, Message(request_id, plain[SEQUENCE.size :])
 
 
+@functools.lru_cache(256)
+def _security_header(uri: str, own: tuple[bytes, ...], peer: bytes | None) -> bytes:
+    """The AsymmetricAlgorithmSecurityHeader of our messages to a client with this certificate."""
+    thumbprint = hashlib.sha1(peer, usedforsecurity=False).digest() if peer else None
+    return encode_string(uri) + encode_string(b"".join(own) or None) + encode_string(thumbprint)
+
+
 def seal_opening(data: bytes, channel_id: int, sequence: bytes, policy: Any) -> bytes:
     """The message of an encoded response.
 
@@ -121,12 +129,10 @@ def seal_opening(data: bytes, channel_id: int, sequence: bytes, policy: Any) -> 
         policy: asyncua's, of the channel.
     """
     crypto = policy.asymmetric_cryptography
-    own: bytes | None = None
+    own: tuple[bytes, ...] = ()
     if policy.host_certificate and policy.Mode != ua.MessageSecurityMode.None_:
-        own = b"".join((policy.host_certificate, *policy.host_certificate_chain))
-    peer = policy.peer_certificate
-    thumbprint = hashlib.sha1(peer, usedforsecurity=False).digest() if peer else None
-    security = encode_string(policy.URI) + encode_string(own) + encode_string(thumbprint)
+        own = policy.host_certificate, *policy.host_certificate_chain
+    security = _security_header(policy.URI, own, policy.peer_certificate)
     plain = sequence + data
     plain += crypto.padding(len(plain))
     blocks = (len(plain) + crypto.signature_size()) // crypto.plain_block_size()

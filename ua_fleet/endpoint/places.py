@@ -81,6 +81,10 @@ class SessionPlaces:
         self._open = limits.sessions - reserved
         self._but_engineers = limits.sessions - (reserved + 4) // 5
 
+    def has_room(self, held: int) -> bool:
+        """Whether nothing has to end for one more, whoever holds the places that are taken."""
+        return held < min(self._most_of_one, MOST_OF_BRIDGE, self._open, self._but_engineers, self._most)
+
     def make_room(self, held: Sequence[Holder[Key]], owner: Hashable, standing: Standing) -> list[Key]:
         """The detached sessions that have to end for one more; raises NoPlace.
 

@@ -30,10 +30,11 @@ from ua_fleet.endpoint.chunks import (
     NO_KEYS,
     SEQUENCE,
     ChunkKeys,
-    keys_of,
     most_body,
     open_chunk,
+    opening_keys,
     seal_chunk,
+    sealing_keys,
 )
 from ua_fleet.endpoint.connection import FrameError
 from ua_fleet.endpoint.opening import (
@@ -50,6 +51,8 @@ from ua_fleet.endpoint.trust import MAX_KEY_BITS, MIN_KEY_BITS, CertificateRefus
 __all__ = ["NONE_URI", "CheckedConnection", "Message", "der"]
 
 _NO_SECURITY: Final[Any] = SecurityPolicyNone
+_NOTHING_YET: Final[Any] = _NO_SECURITY()
+"""The policy of a channel that has none, or none of this server; it has nothing that a channel would change."""
 _TAKEN: Final = (LAST, b"CLOF")
 """Messages, and CloseSecureChannel, of one chunk."""
 _FIRST_TOKEN_ID: Final = 13
@@ -87,10 +90,10 @@ class CheckedConnection(SecureConnection):
         self,
         limits: TransportLimits,
         policies: Sequence[SecurityPolicyFactory],
-        look: Callable[[str, list[x509.Certificate]], None],
+        look: Callable[[str, bytes, list[x509.Certificate]], None],
     ) -> None:
         """Open channels with these policies; `look` raises for a chain of certificates that is not accepted."""
-        super().__init__(_NO_SECURITY(), limits)
+        super().__init__(_NOTHING_YET, limits)
         self.set_policy_factories(list(policies))
         self.chain: list[x509.Certificate] = []
         self._look = look
@@ -233,7 +236,7 @@ class CheckedConnection(SecureConnection):
             return NO_KEYS
         of, keys = self._opening
         if of is not crypto.Verifier:
-            keys = keys_of(crypto.Verifier, crypto.Decryptor, encrypted=crypto.is_encrypted)
+            keys = opening_keys(crypto.Verifier.key, crypto.Decryptor.cipher if crypto.is_encrypted else None)
             self._opening = crypto.Verifier, keys
         return keys
 
@@ -243,7 +246,7 @@ class CheckedConnection(SecureConnection):
             return NO_KEYS
         of, keys = self._sealing
         if of is not crypto.Signer:
-            keys = keys_of(crypto.Signer, crypto.Encryptor, encrypted=crypto.is_encrypted)
+            keys = sealing_keys(crypto.Signer.key, crypto.Encryptor.cipher if crypto.is_encrypted else None)
             self._sealing = crypto.Signer, keys
         return keys
 
@@ -270,7 +273,7 @@ class CheckedConnection(SecureConnection):
                 raise FrameError(StatusCodes.BadSecurityModeRejected, f"mode {mode} without a policy")
             # Without an endpoint for it the channel serves discovery alone (OPC 10000-4 5.5.2).
             if mode is None or self._looked is None or self._looked[0] is not matching:
-                self.security_policy = matching.create(None) if matching else _NO_SECURITY()
+                self.security_policy = policy_of(matching, None) if matching else _NOTHING_YET
                 self._looked = None if matching is None else (matching, None)
             self.chain = []
             return
@@ -290,7 +293,7 @@ class CheckedConnection(SecureConnection):
         if mode is None:
             # The first look at the message, before the server's private key is used for it.
             self.chain = chain
-            self._look(uri, chain)
+            self._look(uri, peer_certificate or b"", chain)
         self.chain = chain
         self.security_policy = policy_of(matching, chain[0])
         self._looked = matching, peer_certificate

@@ -107,7 +107,7 @@ class SessionServices:
                 self._context.trust.check_uri(channel.chain[0], application)
             except CertificateRefused as error:
                 raise Refusal(error.ua_status, str(error)) from error
-        held = self._sessions.holders()
+        held = self._sessions.holders() if len(self._sessions) >= self._limits.sessions else ()
         if len(held) >= self._limits.sessions and all(holder.detached_at is None for holder in held):
             # Whose session it will be is not known yet; what is known is that nothing can give way for it.
             self._context.statistics.sessions_refused += 1
@@ -118,8 +118,7 @@ class SessionServices:
         least, most = self._limits.session_timeout_s
         wish = float(params.RequestedSessionTimeout or most * 1000) / 1000
         timeout_s = min(max(wish, least), most) if wish == wish else least
-        session = Session(link, certificate, application, timeout_s, int(params.MaxResponseMessageSize or 0))
-        session.usage = SessionUsage(
+        usage = SessionUsage(
             name=shortened(params.SessionName),
             product_uri=shortened(params.ClientDescription.ProductUri),
             application_name=shortened(params.ClientDescription.ApplicationName.Text),
@@ -129,6 +128,8 @@ class SessionServices:
             security_mode=int(channel.policy.Mode),
             security_policy=channel.policy.URI,
         )
+        most = int(params.MaxResponseMessageSize or 0)
+        session = Session(link, certificate, application, timeout_s, most, usage=usage)
         self._sessions.add(session)
         self._context.statistics.sessions += 1
         return session, await self._created(session, channel, params, server)
@@ -214,6 +215,8 @@ class SessionServices:
 
     def _room_for(self, session: Session, user: User, address: str) -> list[Session]:
         """The detached sessions that have to end for one more of this user; raises Refusal."""
+        if self._places.has_room(len(self._sessions)):
+            return []
         held = [holder for holder in self._sessions.holders() if holder.key is not session]
         try:
             return self._places.make_room(held, holder_of(user, address), standing_of(user))

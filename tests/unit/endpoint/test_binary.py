@@ -17,7 +17,7 @@ from ua_fleet.endpoint.binary.decoders import PLAIN, decode_plain
 from ua_fleet.endpoint.binary.encoders import encode
 from ua_fleet.endpoint.binary.history_details import decode_history_details
 from ua_fleet.endpoint.binary.session_requests import decode_session_request
-from ua_fleet.endpoint.chunks import HEAD, LAST, SEQUENCE, ChunkKeys, open_chunk, seal_chunk
+from ua_fleet.endpoint.chunks import HEAD, LAST, SEQUENCE, open_chunk, opening_keys, seal_chunk, sealing_keys
 from ua_fleet.endpoint.convert import ExactDateTime, exact_datetime, ticks_of
 from ua_fleet.endpoint.decoding import BYTES_BEFORE_SESSION, OPERATIONS_BEFORE_SESSION, decode_parameters
 from ua_fleet.endpoint.monitoring import with_timestamps
@@ -271,9 +271,9 @@ def test_the_times_that_a_client_asks_for_are_cut_out_of_the_bytes(value: Any, w
 @pytest.mark.parametrize("size", [0, 1, 14, 15, 16, 17, 4_000])
 def test_a_chunk_is_opened_by_its_keys_alone_and_only_as_it_is(size: int, encrypted: bool) -> None:
     cipher = ciphers.Cipher(ciphers.algorithms.AES(bytes(32)), ciphers.modes.CBC(bytes(16))) if encrypted else None
-    keys, others = ChunkKeys(b"k" * 32, cipher), ChunkKeys(b"o" * 32, cipher)
+    keys, others = opening_keys(b"k" * 32, cipher), opening_keys(b"o" * 32, cipher)
     sequence, body = SEQUENCE.pack(5, 6), bytes(range(256)) * 16
-    frame = seal_chunk(LAST, 3, 4, sequence, body[:size], keys)
+    frame = seal_chunk(LAST, 3, 4, sequence, body[:size], sealing_keys(b"k" * 32, cipher))
     assert HEAD.unpack_from(frame) == (LAST, len(frame), 3, 4)
     assert open_chunk(frame, keys) == sequence + body[:size]
     assert open_chunk(frame, others) is None
@@ -282,5 +282,22 @@ def test_a_chunk_is_opened_by_its_keys_alone_and_only_as_it_is(size: int, encryp
         changed = bytearray(frame)
         changed[at] ^= 1 << rng.randrange(8)
         assert open_chunk(bytes(changed), keys) is None
-    assert open_chunk(frame[:-1], keys) is None
-    assert open_chunk(frame[:-16], keys) is None
+    for less in (frame[:-1], frame[:-16], frame[: HEAD.size], frame[: HEAD.size + 8]):
+        assert open_chunk(less, keys) is None
+    assert open_chunk(frame, keys) == sequence + body[:size]
+
+
+@pytest.mark.parametrize("bits", [128, 256])
+def test_each_chunk_is_encrypted_as_if_it_were_the_first(bits: int) -> None:
+    rng = random.Random(bits)
+    cipher = ciphers.Cipher(ciphers.algorithms.AES(rng.randbytes(bits // 8)), ciphers.modes.CBC(rng.randbytes(16)))
+    sealing, opening = sealing_keys(b"k" * 32, cipher), opening_keys(b"k" * 32, cipher)
+    for number in range(50):
+        sequence, body = SEQUENCE.pack(number, number), rng.randbytes(rng.choice((0, 7, 8, 200, 60_000)))
+        frame = seal_chunk(LAST, 3, 4, sequence, body, sealing)
+        assert frame == seal_chunk(LAST, 3, 4, sequence, body, sealing_keys(b"k" * 32, cipher))
+        plain = cipher.decryptor().update(frame[HEAD.size :])
+        assert plain.startswith(sequence + body)
+        # Whatever else comes meanwhile.
+        assert open_chunk(frame[: HEAD.size] + rng.randbytes(rng.choice((0, 16, 48, 50))), opening) is None
+        assert open_chunk(frame, opening) == sequence + body

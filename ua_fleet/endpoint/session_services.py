@@ -128,8 +128,8 @@ class SessionServices:
             security_mode=int(channel.policy.Mode),
             security_policy=channel.policy.URI,
         )
-        most = int(params.MaxResponseMessageSize or 0)
-        session = Session(link, certificate, application, timeout_s, most, usage=usage)
+        most_bytes = int(params.MaxResponseMessageSize or 0)
+        session = Session(link, certificate, application, timeout_s, most_bytes, usage=usage)
         self._sessions.add(session)
         self._context.statistics.sessions += 1
         return session, await self._created(session, channel, params, server)

@@ -245,7 +245,7 @@ class RunState:
                 self.events_seen.discard(key)
 
         self.tasks_done = {key for key in self.tasks_done if not is_gone(key)}
-        gone = [key for key in self.started if is_gone(key)]
+        gone = [key for key in self.started if key not in self.gone_tasks and is_gone(key)]
         forget([key for key in gone if key not in self.tasks])
         self.gone_tasks.update(dict.fromkeys([key for key in gone if key in self.tasks]))
         if len(self.gone_tasks) >= 2 * MOST_TASKS:

@@ -48,7 +48,7 @@ JOBS: Final = (
     Job("Write", 100, 100, OTHERS),
     Job("Call", 1, 500, OTHERS),
     Job("CreateMonitoredItems", 100, 40, OTHERS),
-    Job("Connect", 1, 100, OTHERS),
+    Job("Connect", 1, 300, OTHERS),
 )
 
 

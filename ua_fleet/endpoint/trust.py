@@ -319,7 +319,8 @@ class TrustList:
         self._check_time(certificate, time_status)
 
     def _check_time(self, certificate: x509.Certificate, time_status: int) -> None:
-        if problem := _validity_of(certificate).problem(datetime.now(UTC)):
+        validity = Validity(certificate.not_valid_before_utc, certificate.not_valid_after_utc)
+        if problem := validity.problem(datetime.now(UTC)):
             remedy = "check the clocks of both machines"
             if problem.startswith("expired"):
                 bridge = self._bridge_of(certificate)
@@ -368,11 +369,6 @@ class TrustList:
                 # A list that cannot be read must not let revoked certificates in.
                 raise CertificateRefused(INVALID, f"{path}: no readable revocation list ({error})") from error
         return [revocations for _, revocations in self._lists.values()]
-
-
-@functools.lru_cache(256)
-def _validity_of(certificate: x509.Certificate) -> Validity:
-    return Validity(certificate.not_valid_before_utc, certificate.not_valid_after_utc)
 
 
 def _named(certificate: x509.Certificate) -> str:

@@ -165,6 +165,12 @@ class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):  # type: ignore[misc]
         super().__init__(address, 0)
         self.RequestHandlerClass = _RequestHandler
         self._waiting = _Waiting()
+        self.begun = threading.Event()
+        """Set once it serves, or is about to."""
+
+    def serve_forever(self, poll_interval: float = 0.5) -> None:
+        self.begun.set()
+        super().serve_forever(poll_interval)
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
         return self._waiting.add(request)

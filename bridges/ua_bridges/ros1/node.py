@@ -97,7 +97,7 @@ class RosNode:
         server = ApiNode(0, handler)
         thread = threading.Thread(target=server.run, name="ros1-slave", daemon=True)
         thread.start()
-        # A server that has not begun to serve cannot be ended: that would be waited for for ever.
+        # To shut a server down that has not begun to serve would never end.
         while server.server is None or not server.server.begun.is_set():
             if not thread.is_alive():
                 raise BridgeUnavailable("the ROS 1 node cannot be reached: its server did not start; see the log")

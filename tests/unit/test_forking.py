@@ -29,13 +29,15 @@ raise SystemExit(3 if sys.argv[1:] == ["fails"] else None)
 SERVERS = """
 import asyncio
 from asyncua.server.internal_server import InternalServer
+from asyncua.ua import NodeId
 async def main():
+    changed = NodeId("changed", 9)
     for which in ("first", "second"):
         server = InternalServer()
         await server.load_standard_address_space()
         nodes = server.aspace._nodes
-        print(which, len(nodes), sum(len(node.references) for node in nodes.values()), "changed" in nodes, flush=True)
-        nodes["changed"] = next(iter(nodes.values()))
+        print(which, len(nodes), sum(len(node.references) for node in nodes.values()), changed in nodes, flush=True)
+        nodes[changed] = next(iter(nodes.values()))
 asyncio.run(main())
 """
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Any
 
 from asyncua.server.server import Server
 
 from tests.standard_space import quick_start
+from ua_fleet.config.schema import ServerConfig
+from ua_fleet.endpoint.hardened_server import create_server
 from ua_fleet.endpoint.node_builder import nodes_of
 from ua_fleet.endpoint.standard_nodes import forget_makers, share_attributes
 from ua_fleet.nodes.nodeset import load_types
@@ -44,26 +47,25 @@ async def test_what_nodes_have_in_common_is_one_object_and_reads_the_same() -> N
     assert len(another.iserver.aspace.keys()) == len(space.keys())
 
 
-async def test_a_quick_start_gives_a_server_of_tests_the_same_nodes_for_itself() -> None:
+async def test_a_quick_start_gives_a_server_of_tests_the_same_nodes_for_itself(tmp_path: Path) -> None:
+    async def made() -> Any:
+        server: Any = await create_server(ServerConfig(port=0), tmp_path, application_uri="urn:the-server")
+        await load_types(server, "urn:the-fleet", 2)
+        server.context.audit.close()
+        return server
+
     def seen(server: Any) -> dict[Any, Any]:
         nodes: dict[Any, Any] = {}
         for node_id, node in server.iserver.aspace._nodes.items():
-            nodes[node_id] = dict(node.attributes.items()), list(node.references)
-        return {
-            node_id: ({number: held.value.Value for number, held in attributes.items()}, references)
-            for node_id, (attributes, references) in nodes.items()
-        }
+            attributes = {number: held.value and held.value.Value for number, held in node.attributes.items()}
+            nodes[node_id] = attributes, list(node.references)
+        return nodes
 
-    whole: Any = Server()
-    await whole.init()
-    await load_types(whole, "urn:the-fleet", 2)
+    whole = await made()
     servers: list[Any] = []
     for _ in range(3):  # the first of a process is the one that is copied
         with quick_start():
-            server: Any = Server()
-            await server.init()
-            await load_types(server, "urn:the-fleet", 2)
-        servers.append(server)
+            servers.append(await made())
     expected = seen(whole)
     before = seen(servers[2])
     assert before.keys() == expected.keys()

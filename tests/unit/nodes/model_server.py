@@ -40,7 +40,7 @@ async def types_loaded() -> AsyncGenerator[Any]:
     """A server with the types, whose address space is afterwards what it was before."""
     server = await _server()
     space = server.iserver.aspace
-    nodes = dict(space._nodes)
+    nodes = dict(space._nodes.items())  # those that were not wanted yet are made now
     objects = space[server.nodes.objects.nodeid].references
     before = list(objects)
     try:

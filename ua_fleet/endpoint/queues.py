@@ -8,6 +8,7 @@ old value for the last one.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
 from typing import Any, Final, Protocol, cast
 from weakref import WeakValueDictionary
@@ -49,7 +50,7 @@ class Account:
     def __init__(self, queues: Queues) -> None:
         self._all = queues
         self.held_bytes = 0
-        self.items: dict[Queued, None] = {}
+        self.items: OrderedDict[Queued, None] = OrderedDict()  # the first of a dict is behind all that have left it
         """Those whose queues hold something, the one that has waited longest first."""
 
     def hold(self, item: Queued, size: int) -> None:
@@ -75,8 +76,7 @@ class Account:
 
     def lose_one(self) -> None:
         """Lose what has waited longest."""
-        item = next(iter(self.items))
-        del self.items[item]
+        item, _ = self.items.popitem(last=False)
         self._all.lost += 1
         if item.give_way():
             self.items[item] = None  # the next one is another item's

@@ -3,7 +3,7 @@
 asyncua computes for a second to make the 6,000 nodes of the standard, 0.2 s to make those of a nodeset, and the garbage
 collection that the server asks for before takes up to half a second more, since a process of tests holds much. Here
 servers get copies of nodes that were made once, and nothing is collected while they start. No collection looks at what
-was there then but each hundredth start: to look at the modules of all tests takes 0.4 s, and more where they are shared
+was there then but each 250th start: to look at the modules of all tests takes 0.4 s, and more where they are shared
 with the process that this one was forked off. The nodes of a server that has ended go with the next start. What is a
 server's own is made as ever: its certificate and its nodes.
 A process that is forked off one that has made them (`forking`) has them for its first server without a copy.
@@ -48,8 +48,8 @@ _OWN: Final = (
 _for_one: list[dict[Any, Any]] = []
 """Nodes for the first server that starts."""
 _starts: Final = count(1)
-_COLLECTS_EACH: Final = 100
-"""Starts after which is looked for what ended servers have left in cycles; most of it, their nodes, is gone before."""
+_COLLECTS_EACH: Final = 250
+"""Starts after which is looked for what ended servers have left in cycles, 0.6 MB each; their nodes are gone before."""
 _slow: Final[weakref.WeakSet[Any]] = weakref.WeakSet()
 """Those that have started as ever, and end so."""
 _ended: list[weakref.ref[Any]] = []
@@ -145,6 +145,16 @@ def _release_later() -> None:
 
 
 _internal_server.stop = _stop_and_tell
+_share: Final = _hardened.share_attributes
+
+
+def _share_once(nodes: Any) -> None:
+    """Copies share already what nodes have in common: to look through them again takes 10 ms."""
+    if not (_starting or _is_forked_off):
+        _share(nodes)
+
+
+_hardened.share_attributes = _share_once
 _import: Final = _server.import_xml
 
 

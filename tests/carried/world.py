@@ -672,8 +672,8 @@ class World:
             has_proof: False: a wrong adoption, in which the rounds that nobody has heard of are not known to be over.
         """
         self.random = Random(seed)
-        self.seed, self.now, self.is_lazy, self.kills = seed, 0.0, is_lazy, 0
-        self.compacted = 0
+        self.seed, self.now, self.is_lazy = seed, 0.0, is_lazy
+        self.kills = self.compacted = 0
         self.forgets, self.forgets_again, self.has_proof = forgets, forgets_again, has_proof
         self.is_alone = is_alone
         self.is_brief = is_alone or Random(f"person {seed}").random() < 0.5
@@ -685,10 +685,7 @@ class World:
         """How often a disk has no room for a fact; how often that was so is in `refused`."""
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = count()
-        self._facts: dict[str, CarryFact] = {}
-        """Those of the journals, by their lines."""
-        self._contents: dict[int, tuple[Part, bytes]] = {}
-        """Parts as they are sent, by the ids of the parts."""
+        self._facts, self._contents = dict[str, CarryFact](), dict[int, tuple[Part, bytes]]()
         self.scenario = (alone_by if is_alone else scenario_by)(Random(f"scenario {seed}"))
         plan, problems = split(self.scenario, VIEW)
         self.problems = problems

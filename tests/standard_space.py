@@ -4,7 +4,7 @@ asyncua computes for a second to make the 6,000 nodes of the standard, 0.2 s to 
 collection that the server asks for before takes up to half a second more, since a process of tests holds much. Here
 servers get copies of nodes that were made once, each when it is asked for, since most of them never are; and nothing is
 collected while they start. What `create_server` and `load_types` do to each of the standard's nodes is done before they
-are copied. No collection looks at what was there then but each hundredth start: to look at the modules of all tests
+are copied. No collection looks at what was there then but each 250th start: to look at the modules of all tests
 takes 0.4 s, and more where they are shared with the process that this one was forked off. The nodes of a server that
 has ended go with the next start. What is a server's own is made as ever: its certificate and its nodes.
 A process that is forked off one that has made them (`forking`) has copies for its first server.
@@ -53,8 +53,8 @@ _close_standard_nodes: Final = _hardened._close_standard_nodes
 _for_one: list[_Copies] = []
 """Nodes for the first server that starts."""
 _starts: Final = count(1)
-_COLLECTS_EACH: Final = 100
-"""Starts after which is looked for what ended servers have left in cycles; most of it, their nodes, is gone before."""
+_COLLECTS_EACH: Final = 250
+"""Starts after which is looked for what ended servers have left in cycles, 0.6 MB each; their nodes are gone before."""
 _slow: Final[weakref.WeakSet[Any]] = weakref.WeakSet()
 """Those that have started as ever, and end so."""
 _ended: list[weakref.ref[Any]] = []

@@ -405,7 +405,7 @@ class Bridge:
         held = self.holder.runs.get(RUN)
         if held is None or self.unwritten or self.compacting.random() < 0.7:
             return
-        gone = set(superseded(held, [decode_carry_fact(line) for line in self.lines]))
+        gone = set(superseded(held, [self.world.fact_of(line) for line in self.lines]))
         self.lines[:] = [line for number, line in enumerate(self.lines) if number not in gone]
         self.world.compacted += len(gone)
         for key in forgotten_segments(held, list(self.segments)):
@@ -607,7 +607,7 @@ class Off:
         return sorted(facts, key=lambda fact: fact.at)
 
     def _tell(self, bridge: Bridge, adoption: Adoption) -> None:
-        world, content = self.world, encode_adoption(adoption, encode_part(adoption.part))
+        world, content = self.world, encode_adoption(adoption, self.world.content_of(adoption.part))
 
         def acknowledged(filled: tuple[FilledSlot, ...]) -> None:
             self.filled.setdefault(bridge.space, filled)
@@ -672,8 +672,8 @@ class World:
             has_proof: False: a wrong adoption, in which the rounds that nobody has heard of are not known to be over.
         """
         self.random = Random(seed)
-        self.seed, self.now, self.is_lazy, self.kills = seed, 0.0, is_lazy, 0
-        self.compacted = 0
+        self.seed, self.now, self.is_lazy = seed, 0.0, is_lazy
+        self.kills = self.compacted = 0
         self.forgets, self.forgets_again, self.has_proof = forgets, forgets_again, has_proof
         self.is_alone = is_alone
         self.is_brief = is_alone or Random(f"person {seed}").random() < 0.5
@@ -685,6 +685,7 @@ class World:
         """How often a disk has no room for a fact; how often that was so is in `refused`."""
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = count()
+        self._facts, self._contents = dict[str, CarryFact](), dict[int, tuple[Part, bytes]]()
         self.scenario = (alone_by if is_alone else scenario_by)(Random(f"scenario {seed}"))
         plan, problems = split(self.scenario, VIEW)
         self.problems = problems
@@ -745,6 +746,19 @@ class World:
     def is_terse(self) -> bool:
         """Whether people name the last rounds of a repetition that one bridge does alone only when they are asked."""
         return self.is_brief and Random(f"terse {self.seed}").random() < 0.5
+
+    def fact_of(self, line: str) -> CarryFact:
+        """A fact of a journal, which is looked at again and again."""
+        if (fact := self._facts.get(line)) is None:
+            fact = self._facts[line] = decode_carry_fact(line)
+        return fact
+
+    def content_of(self, part: Part) -> bytes:
+        """A part as it is sent, again and again until it is acknowledged."""
+        kept = self._contents.get(id(part))
+        if kept is None:
+            kept = self._contents[id(part)] = part, encode_part(part)
+        return kept[1]
 
     @property
     def is_over(self) -> bool:
@@ -888,7 +902,7 @@ class World:
                 if space not in self.ended_told:
                     self._tell_server_end(bridge)
             elif space not in self.accepted:
-                self._offer(bridge, encode_part(part))
+                self._offer(bridge, self.content_of(part))
         if self.has_begun and not self.is_closing:
             self._pause()
             for off in list(self.offs):

@@ -192,6 +192,10 @@ class RobotLiveness:
         return Noticed(True, f"robot {name} is silent in part: {', '.join(sorted(self.silent))}", robot=name)
 
 
+_DROPS: Final = tuple([(drop_field(drop.value), drop) for drop in OF_BRIDGES])
+"""What counts them, by the names of their nodes."""
+
+
 class ServerCounters:
     """The server's own counters as nodes."""
 
@@ -206,7 +210,7 @@ class ServerCounters:
             "MessagesOut": counters.messages_out,
             "Gaps": counters.gaps,
             "Looped": counters.looped,
-        } | {drop_field(drop.value): counters.drops[drop] for drop in OF_BRIDGES}
+        } | {name: counters.drops[drop] for name, drop in _DROPS}
         moved = [(name, value) for name, value in now.items() if self._told.get(name) != value]
         self._told = now
         return [_said(self._model.traffic(name), _UINT64, value, wall_ticks) for name, value in moved]

@@ -111,5 +111,8 @@ class Exchanges:
 
     def next_deadline(self) -> float | None:
         """When `take_due` has something next, or None."""
-        due = min((exchange.next_at for exchange in self._open.values()), default=math.inf)
-        return None if due == math.inf else due
+        nearest = math.inf
+        for exchange in self._open.values():
+            if exchange.next_at < nearest:
+                nearest = exchange.next_at
+        return None if nearest == math.inf else nearest

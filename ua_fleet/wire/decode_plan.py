@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from functools import lru_cache
 from struct import Struct
 from typing import Any, Final, NamedTuple
 
@@ -44,6 +45,9 @@ GIVE_UP: Final = (struct.error, KeyError, UnicodeDecodeError, RemoteWireError)
 
 MOST_PLANNED_FIELDS: Final = 128
 """Generating the function for more fields takes longer than it is worth."""
+
+MOST_SHARED_LAYOUTS: Final = 256
+"""Generated functions that all codecs of a process share."""
 
 LONGEST_PLANNED_ARRAY: Final = 16_384
 MOST_ARRAY_UNPACKERS: Final = 64
@@ -122,9 +126,11 @@ class ArrayUnpackers(dict[int, Callable[..., tuple[Any, ...]]]):
 _ARRAYS: Final = {kind: ArrayUnpackers(kind) for kind in FIXED}
 
 
+@lru_cache(MOST_SHARED_LAYOUTS)
 def compile_layout(layout: PlanLayout, *, packed_arrays: bool = False) -> PlanFactory:
     """Generate the function for a layout: it takes what differs between writers and gives a plan.
 
+    A process that has several codecs, or one after the other, generates it once.
     With `packed_arrays` arrays of numbers are views of the message's bytes (see `packed.py`), and ByteStrings too.
     """
     source, names = _Source(layout, packed_arrays=packed_arrays).write()

@@ -6,12 +6,14 @@ import asyncio
 import gc
 import socket
 import threading
+import weakref
 from pathlib import Path
 
 import pytest
 from asyncua.server.address_space import AddressSpace
 
 from tests.integration.server_model.harness import fleet_config, serving
+from tests.standard_space import quick_start
 from ua_fleet.errors import ConfigError, ServerStartError, TransportError
 from ua_fleet.server.app import run_server
 
@@ -21,7 +23,8 @@ async def test_a_port_in_use_is_told_with_the_remedy(udp_url: str, tmp_path: Pat
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = int(taken.getsockname()[1])
-        with pytest.raises(ServerStartError, match=rf"127\.0\.0\.1:{port}: cannot listen .*set server\.port") as caught:
+        told = rf"127\.0\.0\.1:{port}: cannot listen .*set server\.port"
+        with quick_start(), pytest.raises(ServerStartError, match=told) as caught:
             await run_server(fleet_config(udp_url, port), tmp_path)
     assert "\n" not in str(caught.value)
 
@@ -29,7 +32,7 @@ async def test_a_port_in_use_is_told_with_the_remedy(udp_url: str, tmp_path: Pat
 async def test_the_fleets_namespace_has_to_have_its_index(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
     config = fleet_config(udp_url, tcp_port)
     fleet = config.fleet.model_copy(update={"namespace_uri": "http://opcfoundation.org/UA/"})
-    with pytest.raises(ServerStartError, match="would have the index 0, not 2"):
+    with quick_start(), pytest.raises(ServerStartError, match="would have the index 0, not 2"):
         await run_server(config.model_copy(update={"fleet": fleet}), tmp_path)
 
 
@@ -43,7 +46,7 @@ async def test_missing_ids_are_told_before_anything_is_made(udp_url: str, tcp_po
 async def test_an_interface_that_is_not_there_is_told(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
     config = fleet_config(udp_url, tcp_port)
     pubsub = config.pubsub.model_copy(update={"interface": "nosuch0"})
-    with pytest.raises(TransportError, match="nosuch0"):
+    with quick_start(), pytest.raises(TransportError, match="nosuch0"):
         await run_server(config.model_copy(update={"pubsub": pubsub}), tmp_path)
 
 
@@ -57,18 +60,25 @@ async def test_the_end_leaves_nothing(udp_url: str, tcp_port: int, tmp_path: Pat
     assert [thread for thread in threading.enumerate() if not thread.daemon and "asyncua" in thread.name] == []
 
 
-async def test_a_process_that_serves_again_keeps_nothing_of_the_server_before(udp_url: str, tmp_path: Path) -> None:
-    def address_spaces() -> int:
-        gc.collect()
-        return sum(isinstance(kept, AddressSpace) for kept in gc.get_objects())
+async def test_a_process_that_serves_again_keeps_nothing_of_the_server_before(
+    udp_url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: weakref.WeakSet[AddressSpace] = weakref.WeakSet()
 
-    gc.unfreeze()  # what tests before this one have left is not of these servers
-    before = address_spaces()
+    def make_space(space: AddressSpace) -> None:
+        made.add(space)
+        make(space)
+
+    make = AddressSpace.__init__
+    monkeypatch.setattr(AddressSpace, "__init__", make_space)
     for _ in range(2):
         async with serving(tmp_path, fleet_config(udp_url, 0), quick=False) as running, running.client():
             assert gc.get_freeze_count() > 0  # what is looked for below is out of sight now
+            assert len(made) == 1
         assert gc.get_freeze_count() == 0
-        assert address_spaces() <= before
+        gc.collect()
+        assert not made
+        gc.freeze()  # to look at all modules of tests again, at the next start and in later tests, takes long
 
 
 async def test_the_endpoint_names_the_port_that_was_taken(udp_url: str, tmp_path: Path) -> None:

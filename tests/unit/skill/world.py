@@ -411,22 +411,26 @@ class World:
         return message
 
     def run(self) -> Result:
-        """Let it all happen."""
+        """Let it all happen. Who has nothing due is not asked: that is most of what there is to compute."""
+        network, events = self.network, self._events
         while True:
-            deadlines = [
-                self.network.next_delivery(),
-                self._events[0][0] if self._events else None,
-                self._requestor.next_deadline() if self._requestor is not None else None,
-                self._responder.next_deadline() if self._responder is not None else None,
-            ]
-            due = min((deadline for deadline in deadlines if deadline is not None), default=END)
+            requestor_due, responder_due = _due(self._requestor), _due(self._responder)
+            delivery = network.next_delivery()
+            due = min(
+                requestor_due,
+                responder_due,
+                END if delivery is None else delivery,
+                events[0][0] if events else END,
+            )
             if due >= END:
                 break
-            self.network.advance_to(due)
-            while self._events and self._events[0][0] <= self.now:
-                heapq.heappop(self._events)[2]()
-            self._in_requestor(lambda requestor: requestor.poll(self.now))
-            self._in_responder(lambda responder: responder.poll(self.now))
+            network.advance_to(due)
+            while events and events[0][0] <= network.now:
+                heapq.heappop(events)[2]()
+            if requestor_due <= network.now:
+                self._in_requestor(lambda requestor: requestor.poll(network.now))
+            if responder_due <= network.now:
+                self._in_responder(lambda responder: responder.poll(network.now))
         return self._judge()
 
     def _judge(self) -> Result:
@@ -486,6 +490,12 @@ class World:
             self.seen[f"accepted, {report.state.name}"] += 1
         elif kind is OutcomeKind.REFUSED:
             self.seen[f"refused, {StatusCode(report.status).name}"] += 1
+
+
+def _due(side: ActionRequestor | ActionResponder | None) -> float:
+    """When a side is to be asked next; END where nothing is due, or where it is down."""
+    deadline = None if side is None else side.next_deadline()
+    return END if deadline is None else deadline
 
 
 def _agree(kind: OutcomeKind, state: ExecutionState) -> bool:

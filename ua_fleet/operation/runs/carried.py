@@ -107,6 +107,8 @@ _PAGE_WORDS: Final = frozenset({"facts", "last", "more", "told", "active", "wait
 _OF_SEGMENTS: Final = (RunCreated, RunPaused, RunResumed, RunClosing, RunEnded, OutsideTold, StandInTold)
 """Facts of a segment that say nothing of the run: the server notes its own."""
 _OUTCOMES: Final = {"done": RunOutcome.DONE, "failed": RunOutcome.FAILED, "aborted": RunOutcome.ABORTED}
+_ANSWERS: Final = {has_token: BridgeTold("answers", has_token, "") for has_token in (False, True)}
+"""How nearly all bridges stand: one object for all of them, since they are compared at each poll."""
 
 
 class CarriedRuns:
@@ -647,7 +649,11 @@ class CarriedRuns:
             if text != run.shown and run.run_id in self._runs:
                 run.shown = text
                 self._service.show_waiting(run.run_id, TaskWaits("", "bridges", "", "", text))
-        told = {space: self._bridge_told(run, space) for space in (*run.bridges, *removed)}
+        told = {
+            space: self._bridge_told(run, space) if asked.is_away or asked.problem else _ANSWERS[asked.has_token]
+            for space, asked in run.bridges.items()
+        }
+        told |= {space: self._bridge_told(run, space) for space in removed}
         if told != run.bridges_shown and run.run_id in self._runs:
             run.bridges_shown = told
             self._service.show_told(BridgesFollowed(run.run_id, told))

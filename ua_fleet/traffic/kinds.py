@@ -108,12 +108,11 @@ class _Columns(NamedTuple):
 class Traffic:
     """Counts the messages of a network by kind. Give it each datagram once, as it was sent, in the order of sending."""
 
-    def __init__(self, known: Mapping[Topic, MessageKind] | None = None, *, codec: Codec | None = None) -> None:
+    def __init__(self, known: Mapping[Topic, MessageKind] | None = None) -> None:
         """Begin with nothing.
 
         Args:
             known: kinds of data that their configuration tells: sensors, and what robots announce of their faults.
-            codec: reads the messages; without, one of its own does.
         """
         self.messages: Counter[MessageKind] = Counter()
         self.bytes: Counter[MessageKind] = Counter()
@@ -124,7 +123,7 @@ class Traffic:
         self.unreadable = 0
         """Datagrams that the codec refused; they are in none of the counts."""
         self._known: Mapping[Any, MessageKind] = known or {}
-        self._codec = codec or Codec()
+        self._codec = Codec()
         self._columns: dict[tuple[int | str | None, int], _Columns] = {}
         """Of the sources that are a SkillStatus, by PublisherId and DataSetWriterId."""
         self._said: dict[tuple[Any, ...], Any] = {}

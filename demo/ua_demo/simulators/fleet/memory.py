@@ -1,4 +1,4 @@
-"""What a virtual process has in place of a disk and an event loop, and what all have together."""
+"""What a virtual process has in place of a disk and an event loop."""
 
 from __future__ import annotations
 
@@ -9,37 +9,11 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from ua_fleet.storage.database import Database
-from ua_fleet.wire import Codec
-from ua_fleet.wire.generic import Decoded
 
-__all__ = ["MemoryDatabase", "SharedCodec", "VirtualLoop"]
-
-_MOST_DECODED: Final = 1024
-"""Datagrams that are on their way or have just arrived."""
-
-
-class SharedCodec(Codec):
-    """That of all processes of a world: what several of them hear, and who counts, is decoded once."""
-
-    __slots__ = ("_decoded",)
-
-    def __init__(self) -> None:
-        """Begin with nothing decoded."""
-        super().__init__()
-        self._decoded: dict[bytes, Decoded] = {}
-
-    def decode(self, datagram: bytes) -> Decoded:
-        """See Codec; a message that was decoded cannot be changed, so all have the same."""
-        decoded = self._decoded.get(datagram)
-        if decoded is None:
-            decoded = super().decode(datagram)
-            if len(self._decoded) >= _MOST_DECODED:
-                del self._decoded[next(iter(self._decoded))]
-            self._decoded[datagram] = decoded
-        return decoded
+__all__ = ["MemoryDatabase", "VirtualLoop"]
 
 
 class MemoryDatabase(Database):

@@ -61,17 +61,15 @@ class Place:
     """Seconds."""
     random: Random
     """Spreads probes."""
-    codec: Codec
-    """That of the world."""
 
     def publisher(self, space: int, application: Application) -> Publisher:
         """Its DataSetWriters."""
         most = self.envelope.max_plain_bytes
-        return Publisher(space, self.timing, self.counters, self.codec, application, max_packed_bytes=most)
+        return Publisher(space, self.timing, self.counters, Codec(), application, max_packed_bytes=most)
 
     def subscriber(self, space: int) -> Subscriber:
         """Its DataSetReaders."""
-        return Subscriber(space, self.timing, self.counters, self.codec, envelope=self.envelope, random=self.random)
+        return Subscriber(space, self.timing, self.counters, Codec(), envelope=self.envelope, random=self.random)
 
     def wall_ticks(self) -> int:
         """The wall clock."""

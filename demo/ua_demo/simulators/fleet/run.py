@@ -13,7 +13,6 @@ from typing import Final
 
 from ua_demo.simulators.fleet.carried import carried_parts, carrier_in_memory
 from ua_demo.simulators.fleet.fleet import TASK_S, Settings, fleet_of, robot_name, scenario_of
-from ua_demo.simulators.fleet.memory import SharedCodec
 from ua_demo.simulators.fleet.processes import Place, VirtualBridge
 from ua_demo.simulators.fleet.robot import VirtualRobot
 from ua_demo.simulators.fleet.server import VirtualRuns, VirtualServer
@@ -40,7 +39,7 @@ from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.traffic import Traffic
 from ua_fleet.transport.memory import MemoryEndpoint
 from ua_fleet.transport.sealed import SealedSender
-from ua_fleet.wire import Codec, SecurityMode, SecurityPolicy
+from ua_fleet.wire import SecurityMode, SecurityPolicy
 
 __all__ = ["Failure", "Result", "simulate"]
 
@@ -135,17 +134,16 @@ def simulate(settings: Settings) -> Result:
         ScenarioError: the run did not come to an end, which is a mistake of the program.
     """
     began, cpu_began_s = time.perf_counter(), time.process_time()
-    codec = SharedCodec()
-    result = Result(settings, Traffic(codec=codec))
+    result = Result(settings)
     with _rare_collection():
-        _run(settings, result, codec)
+        _run(settings, result)
     result.wall_s, result.cpu_s = time.perf_counter() - began, time.process_time() - cpu_began_s
     return result
 
 
-def _run(settings: Settings, result: Result, codec: Codec) -> None:
+def _run(settings: Settings, result: Result) -> None:
     """Have a fleet live until its run is over. Nothing keeps it then: it is collected, not just looked through."""
-    fleet = _Fleet(settings, result, codec)
+    fleet = _Fleet(settings, result)
     limit_s = (settings.tasks + settings.faults + 1) * 2 * TASK_S + _SPARE_S
     if not fleet.world.run(lambda: bool(result.outcome), limit_s):
         raise ScenarioError(f"the simulated run did not end within {limit_s:g} s of its own clock")
@@ -167,8 +165,8 @@ def _rare_collection() -> Generator[None]:
 class _Fleet:
     """A world with a server and all bridges in it."""
 
-    def __init__(self, settings: Settings, result: Result, codec: Codec) -> None:
-        self._timing, self._traffic, self._codec = settings.timing, result.traffic, codec
+    def __init__(self, settings: Settings, result: Result) -> None:
+        self._timing, self._traffic = settings.timing, result.traffic
         self._random = Random(settings.seed)  # noqa: S311 - the same luck for the same seed; its keys protect nothing
         # In a carried run each bridge ranks robots of others by what it hears of them.
         to_all = settings.all_hear_all or (settings.carried and settings.faults > 0)
@@ -219,7 +217,7 @@ class _Fleet:
         for group_id in groups:
             envelope.install(group_id, GroupKeys(POLICY, 1, (self._keys[group_id],), _LIFETIME_S, _LIFETIME_S), 0.0)
         sender = SealedSender(envelope, endpoint, self.world.clock, self._sent)
-        return Place(self._timing, counters, envelope, sender, self.world.clock, random, self._codec)
+        return Place(self._timing, counters, envelope, sender, self.world.clock, random)
 
     def _sent(self, datagram: bytes, size: int) -> None:
         self._traffic.take(datagram, size, self.world.clock())

@@ -44,7 +44,7 @@ from ua_fleet.wire.messages import NetworkMessage
 
 __all__ = ["AS_IT_SHOULD_BE", "FOR_GOOD", "Judged", "judge", "runs_with_kills"]
 
-SPEED: Final = 15.0
+SPEED: Final = 25.0
 RUN_S: Final = 120.0 / SPEED
 """What one run takes, more or less."""
 LONGEST_S: Final = 60.0

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.system import clean_environment
+from tests.system import clean_environment, run
 from ua_fleet.cli.context_file import ContextFile, LoginContext
 
 BASH = """
-eval "$(ua-fleet completion bash)"
+eval "${{SCRIPT:-$(ua-fleet completion bash)}}"
 complete_words() {{ COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _ua_fleet_completion ua-fleet; }}
 complete_words {words}
 printf '%s\\n' "${{COMPREPLY[@]}}"
@@ -40,6 +40,15 @@ def environment(tmp_path: Path) -> dict[str, str]:
     )
 
 
+@pytest.fixture(scope="module")
+def bash_script() -> str:
+    """What `ua-fleet completion bash` prints, which is the same for all words."""
+    program = Path(sys.executable).with_name("ua-fleet")
+    ended = run(program, "completion", "bash", env=clean_environment())
+    assert (ended.returncode, ended.stderr) == (0, "")
+    return ended.stdout
+
+
 @pytest.mark.parametrize("shell", ["bash", "fish"])
 @pytest.mark.parametrize(
     ("words", "expected"),
@@ -55,12 +64,19 @@ def environment(tmp_path: Path) -> dict[str, str]:
         ("ua-fleet demo tal", ["talkrobots"]),
     ],
 )
-def test_a_shell_completes(environment: dict[str, str], shell: str, words: str, expected: list[str]) -> None:
+def test_a_shell_completes(
+    environment: dict[str, str], bash_script: str, shell: str, words: str, expected: list[str]
+) -> None:
     if shutil.which(shell) is None:
         pytest.skip(f"{shell} is missing")
     script = {"bash": BASH, "fish": FISH}[shell].format(words=words)
     done = subprocess.run(
-        [shell, "-c", script], env=environment, capture_output=True, text=True, check=True, timeout=60
+        [shell, "-c", script],
+        env=environment | {"SCRIPT": bash_script},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
     )
     assert [line.partition("\t")[0] for line in done.stdout.split("\n") if line.strip()] == expected
     assert done.stderr == ""
@@ -71,20 +87,18 @@ def test_scripts_of_shells_that_may_not_be_here_ask_for_what_is_answered(
     environment: dict[str, str], shell: str
 ) -> None:
     program = str(Path(sys.executable).with_name("ua-fleet"))
-    script = subprocess.run(
-        [program, "completion", shell], env=environment, capture_output=True, text=True, check=True, timeout=60
-    ).stdout
-    assert f"_UA_FLEET_COMPLETE=complete_{shell}" in script
+    script = run(program, "completion", shell, env=environment)
+    assert script.returncode == 0
+    assert f"_UA_FLEET_COMPLETE=complete_{shell}" in script.stdout
     asked = {
         "_UA_FLEET_COMPLETE": f"complete_{shell}",
         "_TYPER_COMPLETE_ARGS": "ua-fleet read i=85 -c hang",
         "_TYPER_COMPLETE_FISH_ACTION": "get-args",
     }
-    answer = subprocess.run(
-        [program], env=environment | asked, capture_output=True, text=True, check=True, timeout=60
-    ).stdout
-    assert "hangar" in answer
-    assert "hall" not in answer
+    answer = run(program, env=environment | asked)
+    assert answer.returncode == 0
+    assert "hangar" in answer.stdout
+    assert "hall" not in answer.stdout
 
 
 @pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh is missing")

@@ -3,14 +3,13 @@ from __future__ import annotations
 import json
 import os
 import pty
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
 
-from tests.system import clean_environment
+from tests.system import forked, run
 from tests.unit.cli.conftest import Invoke
 from ua_fleet.cli.decision import DecisionModeName, LimitName
 from ua_fleet.cli.options import Policy
@@ -23,8 +22,7 @@ from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.resilience import DecisionMode, OnLimit
 
 PASSWORD = "correct horse"
-ON_OWN_TERMINAL = "import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); from ua_fleet.cli import main; main()"
-"""The command line in a process whose stdin is the terminal that sends it Ctrl-C."""
+ON_OWN_TERMINAL = Path(__file__).with_name("on_own_terminal.py")
 
 
 @pytest.fixture(autouse=True)
@@ -134,14 +132,8 @@ def test_an_existing_user_is_changed_only_when_asked(invoke: Invoke, fleet: Path
 def type_at_terminal(fleet: Path, answers: list[str]) -> tuple[int, str]:
     """Run `user add` on a terminal, and type the answers; the exit code and all that the terminal showed."""
     controller, terminal = pty.openpty()
-    process = subprocess.Popen(
-        [sys.executable, "-c", ON_OWN_TERMINAL, "user", "add", "anna", "--role", "operator", "-c", str(fleet)],
-        stdin=terminal,
-        stdout=terminal,
-        stderr=terminal,
-        start_new_session=True,
-        env=clean_environment(),
-    )
+    words = ("user", "add", "anna", "--role", "operator", "-c", str(fleet))
+    process = forked(sys.executable, ON_OWN_TERMINAL, *words, terminal=terminal)
     os.close(terminal)
     shown = b""
     for prompt, answer in zip(
@@ -440,7 +432,7 @@ def test_the_server_does_not_start_with_a_certificate_that_has_ended(invoke: Inv
     listed = invoke("cert", "list").stdout.splitlines()[1].split()
     assert listed[3] == "expired"
     command = [sys.executable, "-m", "ua_fleet.cli", "serve", "--config", str(fleet)]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    ended = run(*command)
     assert ended.returncode == 1
     assert "server.der: expired on 20" in ended.stderr
     assert ended.stderr.endswith("; run: ua-fleet cert create --renew\n")

@@ -2,7 +2,7 @@
 
 On a busy machine the time that a test takes says little; what it computes stays about the same. Of a file are counted
 its process of tests, what that started and has ended, and what was forked off for it (`forking`). A browser ends
-without waiting for its helpers, which compute most of it: who ends one notes them before (`note_helpers`).
+without waiting for its helpers, which compute most of it: who ends one notes them before (`note_browsers`).
 """
 
 from __future__ import annotations
@@ -20,13 +20,16 @@ import pytest
 
 from tests import forking
 
-__all__ = ["Computed", "ComputingMeter", "ComputingTable", "computed", "note_helpers"]
+__all__ = ["Computed", "ComputingMeter", "ComputingTable", "computed", "note_browsers"]
 
 _OUTPUT: Final = "computed_before_tests_s"
 _HELPER: Final = b"--type="
 """What stands in the command of each of Chromium's processes but the first."""
 _TICKS_A_SECOND: Final = os.sysconf("SC_CLK_TCK")
-_helpers_s: Final[list[float]] = []
+_helpers_s: Final[dict[tuple[int, str], float]] = {}
+"""Of each browser, by its id and its begin; a helper of it that has ended is in what another one has waited for."""
+_running_s: Final[list[float]] = []
+"""Of browsers and what drives them while they run; once they have ended they are children like others."""
 
 
 @dataclass(frozen=True)
@@ -54,34 +57,42 @@ def computed() -> Computed:
     """What this process has computed up to now, and its children that have ended."""
     own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return Computed(
-        own.ru_utime + own.ru_stime, children.ru_utime + children.ru_stime + forking.computed_s() + sum(_helpers_s)
+        own.ru_utime + own.ru_stime,
+        children.ru_utime + children.ru_stime + forking.computed_s() + sum(_helpers_s.values()) + sum(_running_s),
     )
 
 
-def note_helpers() -> float:
-    """Count what the helpers of the browsers of this process have computed, those that have ended too; the seconds.
+def note_browsers() -> None:
+    """Count what the browsers of this process have computed up to now, and before they end what their helpers have.
 
-    To be called once for a browser, when it is about to end: nobody waits for them, so no system call tells it later.
+    Nobody waits for helpers, so no system call tells it later.
     """
     parents: dict[int, int] = {}
-    helpers_s: dict[int, float] = {}
+    seconds: dict[int, float] = {}
+    begins: dict[int, str] = {}
+    helpers: set[int] = set()
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):  # it has ended meanwhile
-            # After the name: state, parent; utime, stime, cutime, cstime are the 12th to the 15th.
+            # After the name: state, parent; utime, stime, cutime, cstime are the 12th to the 15th, the 20th its begin.
             fields = (folder / "stat").read_text(errors="replace").rpartition(")")[2].split()
             pid = int(folder.name)
-            parents[pid] = int(fields[1])
+            parents[pid], begins[pid] = int(fields[1]), fields[19]
+            seconds[pid] = sum(int(ticks) for ticks in fields[11:15]) / _TICKS_A_SECOND
             if _HELPER in (folder / "cmdline").read_bytes():
-                helpers_s[pid] = sum(int(ticks) for ticks in fields[11:15]) / _TICKS_A_SECOND
-
-    def is_ours(pid: int) -> bool:
-        while pid > 1 and pid != os.getpid():
-            pid = parents.get(pid, 0)
-        return pid == os.getpid()
-
-    seconds = sum(computed_s for pid, computed_s in helpers_s.items() if is_ours(pid))
-    _helpers_s.append(seconds)
-    return seconds
+                helpers.add(pid)
+    running: set[int] = set()
+    helpers_s: dict[tuple[int, str], float] = defaultdict(float)
+    for helper in helpers:
+        above = [helper]
+        while (parent := parents.get(above[-1], 0)) > 1 and parent != os.getpid():
+            above.append(parent)
+        others = [pid for pid in above if pid not in helpers]
+        if parent == os.getpid() and others:
+            helpers_s[others[0], begins[others[0]]] += seconds[helper]
+            running.update(others)
+    _running_s[:] = [seconds[pid] for pid in running]
+    for browser, noted in helpers_s.items():
+        _helpers_s[browser] = max(noted, _helpers_s.get(browser, 0.0))
 
 
 class ComputingMeter:

@@ -64,6 +64,7 @@ def durations() -> Mapping[str, float]:
 def in_order(units: Iterable[str]) -> list[str]:
     """The longest first; those that no run has recorded come last, in the order in which they are given.
 
+    Those of `tests/console` come before all others: they share a browser as long as no other file is between.
     Those that change the network come when all that is longer is under way, and so all that has a browser.
     """
     known = durations()
@@ -73,7 +74,7 @@ def in_order(units: Iterable[str]) -> list[str]:
             return _SHORTEST_S
         return known.get(unit, 2 * _SHORTEST_S if unit.startswith(_BROWSERS) else 0.0)
 
-    return sorted(units, key=lambda unit: -seconds(unit))
+    return sorted(units, key=lambda unit: (not unit.startswith(_BROWSERS), -seconds(unit)))
 
 
 class KindScheduling(LoadScopeScheduling):  # type: ignore[misc]

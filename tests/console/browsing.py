@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import shutil
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Final
 
-from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, ViewportSize, sync_playwright
 
 from tests import computing, system
 
@@ -96,8 +98,54 @@ def chromium(*options: str, whole: bool = False) -> Generator[Browser]:
         try:
             yield browser
         finally:
-            computing.note_helpers()
+            computing.note_browsers()
             browser.close()
+    computing.note_browsers()  # none of these runs any more
+
+
+class Windows:
+    """Where pages are opened, each in a browser of its own: one without cookies and whatever else a page has stored.
+
+    Such a browser is used by a test after the other, and has a renderer for all its pages, which an empty one keeps
+    alive (`--renderer-process-limit=1`): a new one computes half as long again for a page, to compile its scripts.
+    """
+
+    def __init__(self, browser: Browser, timeout_ms: float) -> None:
+        self._browser, self._timeout_ms = browser, timeout_ms
+        self._empty: list[Page] = []
+        """The one that stays, of each."""
+        self._used = 0
+
+    def open(self, cookies: Sequence[Any]) -> Page:
+        """A page in one that no other page is in since `leave`."""
+        if self._used == len(self._empty):
+            context = self._browser.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
+            context.set_default_timeout(self._timeout_ms)
+            self._empty.append(context.new_page())
+        context = self._empty[self._used].context
+        self._used += 1
+        if cookies:
+            context.add_cookies(cookies)
+        return context.new_page()
+
+    def leave(self, url: str) -> None:
+        """Close the pages, and have nothing kept that was stored or allowed there."""
+        for empty in self._empty[: self._used]:
+            context = empty.context
+            for page in context.pages:
+                if page != empty:
+                    page.close()
+            context.clear_cookies()
+            context.clear_permissions()
+            storage: Any = context.new_cdp_session(empty)
+            storage.send("Storage.clearDataForOrigin", {"origin": url.rstrip("/"), "storageTypes": "all"})
+            storage.detach()
+        self._used = 0
+
+    def close(self) -> None:
+        """End all."""
+        for empty in self._empty:
+            empty.context.close()
 
 
 class Complaints:
@@ -148,20 +196,29 @@ def stretched(page: Page) -> list[str]:
 
 def show(page: Page, theme: str, width: int) -> None:
     """Have the page in a theme at a width, as a browser of a system with it would."""
-    page.set_viewport_size({"width": width, "height": _HEIGHTS[width]})
+    size: ViewportSize = {"width": width, "height": _HEIGHTS[width]}
+    if page.viewport_size != size:
+        page.set_viewport_size(size)
     page.emulate_media(color_scheme="dark" if theme == "dark" else "light", reduced_motion="reduce")
     page.locator(f"html[data-theme={theme}]").wait_for()
+
+
+def _keep(devtools: Any, path: Path) -> None:
+    """A picture of a page that stands still. `Page.screenshot` has it stand first and packs tighter, which is slow."""
+    taken: dict[str, str] = devtools.send("Page.captureScreenshot", {"format": "png", "optimizeForSpeed": True})
+    path.write_bytes(base64.b64decode(taken["data"]))
 
 
 def pictures(page: Page, name: str) -> list[str]:
     """Keep pictures of a page in both themes and all widths, in build/pictures; what is wrong with any of them."""
     PICTURES.mkdir(parents=True, exist_ok=True)
     wrong: list[str] = []
+    devtools = page.context.new_cdp_session(page)
     for width in (*WIDTHS, WIDEST) if name in WIDEST_PICTURES.values() else WIDTHS:
         for theme in THEMES:
             show(page, theme, width)
             page.wait_for_timeout(100)
-            page.screenshot(path=PICTURES / f"{name}-{width}-{theme}.png")
+            _keep(devtools, PICTURES / f"{name}-{width}-{theme}.png")
             if width != WIDEST:  # whose elements are the same
                 found = axe_violations(page, "" if theme == THEMES[0] else _OF_COLOURS)
                 wrong += [f"{theme}, {width} px: {one}" for one in found]
@@ -171,5 +228,6 @@ def pictures(page: Page, name: str) -> list[str]:
             for pixels, how in zip(beyond, ("wider", "higher"), strict=True):
                 if pixels > 0:
                     wrong.append(f"{theme}, {width} px: the page is {pixels} px {how} than the window")
+    devtools.detach()
     show(page, "light", 1280)
     return wrong

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, expect
+from playwright.sync_api import Browser, Page, expect
 
-from tests import system
+from tests import computing, system
 from tests.console import browsing
 from tests.integration.scenarios.conftest import ENGINEER, ROBOTS, Plant
 from tests.integration.server_model.harness import OBSERVER, OPERATOR
@@ -141,13 +141,22 @@ def _patience() -> Iterator[None]:
     expect.set_options(timeout=5_000)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
-    """One Chromium for a module."""
+    """One Chromium for all modules here that run one after the other."""
     # Playwright's loop is its own; what pytest-asyncio left behind for this thread is none that runs.
     asyncio.set_event_loop(None)
-    with browsing.chromium() as running:
+    with browsing.chromium("--renderer-process-limit=1") as running:
         yield running
+
+
+@pytest.fixture(scope="module")
+def windows(browser: Browser) -> Iterator[browsing.Windows]:
+    """What the pages of this module's tests are opened in."""
+    used = browsing.Windows(browser, PATIENCE_MS)
+    yield used
+    computing.note_browsers()
+    used.close()
 
 
 def log_in(page: Page, url: str, role: str) -> None:
@@ -167,28 +176,23 @@ def expected_complaints() -> list[str]:
 
 
 @pytest.fixture
-def open_page(console: Console, browser: Browser, expected_complaints: list[str]) -> Iterator[Callable[..., Page]]:
+def open_page(
+    console: Console, windows: browsing.Windows, expected_complaints: list[str]
+) -> Iterator[Callable[..., Page]]:
     """`open_page('operator', '#/hall/fleet')`: a page in a browser of its own, logged in; '' as the role: nobody."""
-    contexts: list[BrowserContext] = []
     complaints: list[browsing.Complaints] = []
 
     def opened(role: str = "operator", place: str = "") -> Page:
-        context = browser.new_context(
-            viewport={"width": 1280, "height": 800}, storage_state=console.states.get(role), reduced_motion="reduce"
-        )
-        contexts.append(context)
-        context.set_default_timeout(PATIENCE_MS)
-        page = context.new_page()
+        page = windows.open(console.states.get(role, ()))
         complaints.append(browsing.Complaints(page))
         if role and role not in console.states:
             log_in(page, console.url, role)
-            console.states[role] = context.storage_state()
+            console.states[role] = page.context.cookies()
         page.goto(f"{console.url}{place}")
         return page
 
     yield opened
-    for context in contexts:
-        context.close()
+    windows.leave(console.url)
     assert [one for each in complaints for one in each.others_than(expected_complaints)] == []
 
 

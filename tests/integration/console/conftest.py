@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator, Mapping
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
 import pytest_asyncio
 
+from tests import system
 from tests.integration.console.harness import Console, console_at
 from tests.integration.scenarios.conftest import Plant
 from tests.integration.server_model.harness import ROBOTS, Running, fleet_config, serving
@@ -29,10 +31,18 @@ FLEET: Final[Mapping[str, Any]] = {
 }
 
 
+@asynccontextmanager
+async def rover_server(folder: Path) -> AsyncGenerator[Running]:
+    """A server with one robot, while the context lasts."""
+    config = fleet_config(system.free_multicast_url(), system.free_tcp_port(), robots=FLEET)
+    async with serving(folder, config) as running:
+        yield running
+
+
 @pytest_asyncio.fixture
-async def server(tmp_path: Path, udp_url: str, tcp_port: int) -> AsyncGenerator[Running]:
+async def server(tmp_path: Path) -> AsyncGenerator[Running]:
     """A server with one robot."""
-    async with serving(tmp_path, fleet_config(udp_url, tcp_port, robots=FLEET)) as running:
+    async with rover_server(tmp_path) as running:
         yield running
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncGenerator
 from typing import Any, Final
 
 import pytest
+import pytest_asyncio
 
-from tests.integration.console.harness import ENGINEER, Console
+from tests.integration.console.conftest import rover_server
+from tests.integration.console.harness import ENGINEER, Console, console_at
 from tests.integration.console.test_feeds import SCENARIO
 
 LARGE: Final = "x" * 1_000_000
@@ -31,6 +34,16 @@ WRITTEN: Final[dict[str, dict[str, Any]]] = {
     "node.browse": {"node": LARGE},
 }
 
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def console(tmp_path_factory: pytest.TempPathFactory) -> AsyncGenerator[Console]:
+    """One for all of them, which none of them changes."""
+    folder = tmp_path_factory.mktemp("rover")
+    async with rover_server(folder) as server, console_at(folder, {"hall": server.url}) as running:
+        yield running
+
 
 @pytest.mark.parametrize("operation", WRITTEN)
 async def test_a_large_text_is_refused_in_one_line(console: Console, operation: str) -> None:
@@ -47,5 +60,8 @@ async def test_a_large_text_is_refused_in_one_line(console: Console, operation: 
         held = await browser.ask("robots.hold", robot="rover", reason="the page lives")
         assert held.status_code == 200, held.text
         await live.until(lambda: live.feeds["all"]["rover"]["held"])
+        released = await browser.ask("robots.release", robot="rover")
+        assert released.status_code == 200, released.text
+        await live.until(lambda: not live.feeds["all"]["rover"]["held"])
         health = (await browser.http.get("healthz")).json()
         assert health["mistakes"] == {}

@@ -7,22 +7,39 @@ import contextlib
 import json
 import ssl
 import threading
+from collections.abc import AsyncGenerator
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
+import pytest_asyncio
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from tests import system
+from tests.integration.console.conftest import rover_server
 from tests.integration.console.harness import NO_TLS, OPERATOR, Browser, Console, console_at
 from tests.integration.server_model.harness import Running
 from tests.waiting import until
 from ua_fleet.console.sessions import BrowserSession, BrowserSessions
 from ua_fleet.endpoint.certificates import CertificateFiles, create_certificate
 
+pytestmark = pytest.mark.asyncio(loop_scope="module")
 LOGIN = {"fleet": "hall", "user": OPERATOR[0], "password": OPERATOR[1]}
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def server(tmp_path_factory: pytest.TempPathFactory) -> AsyncGenerator[Running]:
+    """One for all; each has a console of its own, and those that guess, which it counts too, a server of their own."""
+    async with rover_server(tmp_path_factory.mktemp("rover")) as running:
+        yield running
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def console(server: Running, tmp_path: Path) -> AsyncGenerator[Console]:
+    async with console_at(tmp_path, {"hall": server.url}) as running:
+        yield running
 
 
 async def drops(console: Console) -> dict[str, int]:
@@ -206,20 +223,21 @@ async def test_tabs_of_a_browser_are_bounded(server: Running, tmp_path: Path) ->
             await three.until(lambda: three.links)
 
 
-async def test_guessing_is_slowed_before_the_server_locks_anybody_out(console: Console) -> None:
-    async with console.browser() as guesser:
-        codes = [
-            (await guesser.post("api/login", json={**LOGIN, "password": f"guess-{number}"})).status_code
-            for number in range(6)
-        ]
-        assert codes == [401] * 4 + [429] * 2
-        late = await guesser.post("api/login", json=LOGIN)
-        assert late.status_code == 429
-        assert int(late.headers["retry-after"]) >= 1
-    async with console.logged_in(("olga", "observe-1")):
-        pass  # another user of the same address
-    counted = await drops(console)
-    assert (counted["login_failed"], counted["login_limited"]) == (4, 3)
+async def test_guessing_is_slowed_before_the_server_locks_anybody_out(tmp_path: Path) -> None:
+    async with rover_server(tmp_path) as server, console_at(tmp_path, {"hall": server.url}) as console:
+        async with console.browser() as guesser:
+            codes = [
+                (await guesser.post("api/login", json={**LOGIN, "password": f"guess-{number}"})).status_code
+                for number in range(6)
+            ]
+            assert codes == [401] * 4 + [429] * 2
+            late = await guesser.post("api/login", json=LOGIN)
+            assert late.status_code == 429
+            assert int(late.headers["retry-after"]) >= 1
+        async with console.logged_in(("olga", "observe-1")):
+            pass  # another user of the same address
+        counted = await drops(console)
+        assert (counted["login_failed"], counted["login_limited"]) == (4, 3)
 
 
 async def test_browsers_of_a_user_are_bounded(server: Running, tmp_path: Path) -> None:
@@ -294,10 +312,14 @@ async def test_a_slow_head_is_cut_off(console: Console, monkeypatch: pytest.Monk
     assert (await drops(console))["too_slow"] == 1
 
 
-async def test_each_line_of_a_forwarded_header_counts(server: Running, tmp_path: Path) -> None:
+async def test_each_line_of_a_forwarded_header_counts(tmp_path: Path) -> None:
     """Some proxies add a line of their own to what the one before has sent; people do not share an address then."""
     given: dict[str, Any] = {"trusted_proxies": ["127.0.0.1", "10.0.0.0/8"]}
-    async with console_at(tmp_path, {"hall": server.url}, **given) as console, console.browser() as browser:
+    async with (
+        rover_server(tmp_path) as server,
+        console_at(tmp_path, {"hall": server.url}, **given) as console,
+        console.browser() as browser,
+    ):
 
         async def login(password: str, address: str) -> int:
             headers = [("origin", console.origin), ("x-forwarded-for", address), ("x-forwarded-for", "10.0.0.1")]

@@ -79,6 +79,8 @@ class Hall:
         self.robot: system.Child
         self.bridge: system.Child
         self._robot_timeout_s = ROBOT_TIMEOUT_S
+        self._recorded: dict[str, list[Speed]] = {}
+        self._lines_read = 0
 
     def fleet(
         self,
@@ -132,6 +134,7 @@ class Hall:
                 str(self._robot_timeout_s),
             ]
         self.robot = self._processes.start(*command, env=env)
+        self._recorded, self._lines_read = {"heard": [], "moved": []}, 0
         self.robot.wait_for("ready")
         return self.robot
 
@@ -155,9 +158,12 @@ class Hall:
 
     def speeds(self, what: str = "moved", since: float = 0.0) -> list[Speed]:
         """What the robot recorded: `heard` on its topic, or what it `moved` by after its own watch."""
-        found = [line.split() for line in list(self.robot.lines) if line.startswith(f"{what} ")]
-        speeds = [Speed(*map(float, parts[1:])) for parts in found]
-        return [speed for speed in speeds if speed.at >= since]
+        new = self.robot.lines[self._lines_read :]  # who waits asks a hundred times a second
+        self._lines_read += len(new)
+        for parts in map(str.split, new):
+            if parts and parts[0] in self._recorded:
+                self._recorded[parts[0]].append(Speed(*map(float, parts[1:])))
+        return [speed for speed in self._recorded[what] if speed.at >= since]
 
     async def until(self, is_so: Callable[[list[Speed]], bool], what: str = "moved") -> list[Speed]:
         """Wait for what the robot records."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import random
 import signal
 import socket
 import time
@@ -21,6 +22,10 @@ __all__ = ["DemoFailed", "Processes", "free_loopback_address", "free_tcp_port", 
 
 _LINES: Final = 1000
 """Lines of each process that are looked through for what is waited for; its log has all."""
+_PORTS: Final = range(10_000, 20_000)
+"""Below those that a system gives to connections (Linux: 32768 and above)."""
+_others: Final = iter(random.sample(_PORTS, len(_PORTS)))
+"""Each is given out once: who was given one may be about to listen there."""
 
 
 class DemoFailed(UaFleetError):
@@ -183,16 +188,16 @@ def _last_words(log: str) -> str:
 
 
 def free_tcp_port(preferred: int) -> int:
-    """`preferred`, if no process listens there on loopback, else a free port."""
-    for port in (preferred, 0):
-        with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                probe.bind(("127.0.0.1", port))
-            except OSError:
-                continue
-            return int(probe.getsockname()[1])
-    raise DemoFailed("there is no free TCP port on loopback")
+    """`preferred`, if it is not 0 and no process listens there on loopback, else a free port.
+
+    Not one that the system may give to a connection before a process that has yet to start listens there.
+    """
+    if preferred and _is_free("127.0.0.1", preferred):
+        return preferred
+    for port in _others:
+        if _is_free("127.0.0.1", port):
+            return port
+    raise DemoFailed(f"there is no free TCP port from {_PORTS[0]} to {_PORTS[-1]} on loopback")
 
 
 def free_loopback_address(ports: Sequence[int]) -> str:

@@ -77,6 +77,16 @@ async def test_what_does_not_come_in_time_is_named(tmp_path: Path) -> None:
             await processes.until(lambda: False, asyncio.Event(), 0.1, "the robots")
 
 
+def test_a_free_port_is_none_that_the_system_gives_to_a_connection_and_each_is_given_out_once() -> None:
+    first = int(Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()[0])
+    ports = [free_tcp_port(0) for _ in range(50)]
+    assert max(ports) < first
+    assert len(set(ports)) == 50
+    with socket.create_server(("127.0.0.1", ports[0])):
+        assert free_tcp_port(ports[0]) not in ports
+    assert free_tcp_port(ports[0]) == ports[0]
+
+
 def test_an_address_with_all_ports_free_is_found() -> None:
     ports = (free_tcp_port(0), free_tcp_port(0))
     taken = free_loopback_address(ports)

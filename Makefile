@@ -6,9 +6,9 @@ PYTHON_ROS1 := .venv-ros1/bin/python
 # Parts of the system whose absence fails the tests that need them, instead of skipping these:
 #   make test REQUIRE=ros1,ros2,node,ur,libmodbus,mbpoll,umockdev,dbus,compiler,netns,npm,node-red,chromium,mosquitto,nats,promtool,postgres
 REQUIRE ?=
-# Test processes side by side, three a core, since most tests wait for processes that they started: make test JOBS=1
+# Test processes side by side, four a core, since most tests wait for processes that they started: make test JOBS=1
 # Which file is given out next is decided by tests/schedule.py.
-JOBS ?= $(shell echo $$((3 * $$(nproc 2>/dev/null || echo 1))))
+JOBS ?= $(shell echo $$((4 * $$(nproc 2>/dev/null || echo 1))))
 # One group of benchmarks: make bench ONLY=codec
 ONLY ?=
 # Which demonstration: make demo DEMO=talkrobots

@@ -123,23 +123,28 @@ class _Copies(node_builder._Nodes):  # pyright: ignore[reportPrivateUsage]
     def __init__(self) -> None:
         super().__init__()
         self._held: dict[_Pattern, list[Any]] = {}
+        self.made: dict[Any, Any] = {}
+        """Those that are made, and still there."""
 
     def add(self, pattern: _Pattern) -> None:
         """Have these nodes too."""
         self._held[pattern] = [None] * len(pattern.values)
         self.update(pattern.recipes)
 
-    @property
-    def made(self) -> dict[Any, Any]:
-        """Those that are made."""
-        return {node_id: node for node_id, node in super().items() if type(node) is not _Recipe}
-
     def __getitem__(self, node_id: Any) -> Any:
         node = super().__getitem__(node_id)
         if type(node) is _Recipe:
-            node = node.make(self._held[node.pattern])
+            node = self.made[node_id] = node.make(self._held[node.pattern])
             self.update({node_id: node})
         return node
+
+    def __setitem__(self, node_id: Any, node: Any) -> None:
+        super().__setitem__(node_id, node)
+        self.made[node_id] = node
+
+    def __delitem__(self, node_id: Any) -> None:
+        super().__delitem__(node_id)
+        self.made.pop(node_id, None)
 
     def __contains__(self, node_id: object) -> bool:
         return node_id in self.keys() or super().__contains__(node_id)

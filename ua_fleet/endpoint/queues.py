@@ -50,8 +50,11 @@ class Account:
     def __init__(self, queues: Queues) -> None:
         self._all = queues
         self.held_bytes = 0
-        self.items: OrderedDict[Queued, None] = OrderedDict()  # the first of a dict is behind all that have left it
-        """Those whose queues hold something, the one that has waited longest first."""
+        self.items: OrderedDict[Queued, None] = OrderedDict()
+        """Those whose queues hold something, the one that has waited longest first.
+
+        To find the first of a dict takes the longer, the more have left it.
+        """
 
     def hold(self, item: Queued, size: int) -> None:
         """An item has queued so many bytes."""

@@ -649,11 +649,7 @@ class CarriedRuns:
             if text != run.shown and run.run_id in self._runs:
                 run.shown = text
                 self._service.show_waiting(run.run_id, TaskWaits("", "bridges", "", "", text))
-        told = {
-            space: self._bridge_told(run, space) if asked.is_away or asked.problem else _ANSWERS[asked.has_token]
-            for space, asked in run.bridges.items()
-        }
-        told |= {space: self._bridge_told(run, space) for space in removed}
+        told = {space: self._bridge_told(run, space) for space in (*run.bridges, *removed)}
         if told != run.bridges_shown and run.run_id in self._runs:
             run.bridges_shown = told
             self._service.show_told(BridgesFollowed(run.run_id, told))
@@ -667,6 +663,8 @@ class CarriedRuns:
 
     def _bridge_told(self, run: FollowedRun, space: int) -> BridgeTold:
         asked, state = run.bridges.get(space), "answers"
+        if asked is not None and not asked.is_away and not asked.problem:
+            return _ANSWERS[asked.has_token]
         if asked is None or asked.is_away:
             state = "silent" if self._adoptions.can_leave_out(run, space) else "away"
         if asked is None:

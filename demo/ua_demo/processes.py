@@ -200,13 +200,17 @@ def free_tcp_port(preferred: int) -> int:
     raise DemoFailed(f"there is no free TCP port from {_PORTS[0]} to {_PORTS[-1]} on loopback")
 
 
-def free_loopback_address(ports: Sequence[int]) -> str:
-    """An address of this machine, 127.0.0.2 or another of loopback, on which nobody listens on any of these TCP ports.
+def free_loopback_address(ports: Sequence[int], first: int = 2) -> str:
+    """127.0.0.`first`, or another address of loopback, on which no process listens on any of these TCP ports.
+
+    Args:
+        ports: that a process is to listen on.
+        first: 2 to 254; another one for each demonstration that may start in the same moment.
 
     Raises:
-        DemoFailed: someone listens there on all addresses.
+        DemoFailed: a process listens there on all addresses.
     """
-    for number in range(2, 255):
+    for number in (*range(first, 255), *range(2, first)):
         host = f"127.0.0.{number}"
         if all(_is_free(host, port) for port in ports):
             return host

@@ -113,6 +113,8 @@ class Program:
         while not self._is_gone:
             try:
                 self._socket, _ = self._listener.accept()
+                if self._is_gone:  # it went while this bridge was let in, and may not have seen it
+                    self._socket.shutdown(socket.SHUT_RDWR)
                 with self._socket, self._socket.makefile(encoding="utf-8", newline="\n") as fields:
                     while (kind := fields.readline().rstrip("\n")) != "":
                         name, _, size = (fields.readline().rstrip("\n") for _ in range(3))

@@ -9,7 +9,7 @@ from random import Random
 from typing import Final, NamedTuple
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ua_fleet.bridge import BridgeCore, Rule, SampleRead, SourceFound
@@ -48,6 +48,15 @@ class Plan:
     max_delay_s: float
     says: tuple[tuple[int, float], ...]
     """(space, pause before in seconds); the server's space is 0."""
+
+    @property
+    def most_windows(self) -> int:
+        """In one of so many windows at the end nothing may travel.
+
+        Two bridges of a space that bring each other a command last say two values under one DataSetWriter, each with
+        its own sequence numbers: a reader that follows the one takes the other half a minute later. A loop never ends.
+        """
+        return 1 if max(self.bridges.values()) == 1 else 10
 
 
 class OnBus(NamedTuple):
@@ -201,10 +210,12 @@ def live(world: World) -> None:
         world.say(space, number)
     world.network.loss = 0.0
     world.run_until(world.network.now + 12 * TIMING.repeat_interval_s)
-    before = world.travelled()
-    world.run_until(world.network.now + 3 * TIMING.repeat_interval_s)
-    if world.travelled() != before:
-        raise Loop("messages travel though nobody says anything")
+    for _ in range(world.plan.most_windows):
+        before = world.travelled()
+        world.run_until(world.network.now + 3 * TIMING.repeat_interval_s)
+        if world.travelled() == before:
+            return
+    raise Loop("messages travel though nobody says anything")
 
 
 def check(world: World) -> None:
@@ -251,7 +262,19 @@ def plans(draw: st.DrawFn, most_bridges: int = 3) -> Plan:
     )
 
 
+LATE: Final = Plan(
+    {1: 3, 2: 3, 3: 3, 42: 1, 232: 2, 256: 2},
+    seed=2155,
+    loss=0.3,
+    duplicate=0.0,
+    max_delay_s=0.005,
+    says=((1, 0.0), (2, 0.7), (256, 0.0), (2, 0.0), (1, 0.7), (0, 0.7)),
+)
+"""In which a value comes at 30 s."""
+
+
 @settings(max_examples=40)
+@example(LATE)
 @given(plans())
 def test_nothing_travels_for_ever_and_nothing_comes_twice(plan: Plan) -> None:
     check(World(plan))

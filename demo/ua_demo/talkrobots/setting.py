@@ -207,7 +207,7 @@ def make_setting(
     """
     free, vendor = iter(domains), count(_FIRST_VENDOR_SPACE)
     spaces = {actor.name: next(free if actor.kind.is_ros else vendor) for actor in ACTORS}
-    places = {actor.name: _place(actor, site) for actor in ACTORS if not actor.kind.is_ros}
+    places = {actor.name: _place(actor, site, domains[0]) for actor in ACTORS if not actor.kind.is_ros}
     if site.ros1_python is not None:
         spaces |= {actor.name: 1 for actor in ACTORS if actor.kind is Kind.ROS1}
     else:
@@ -280,9 +280,10 @@ def _package_text(name: str) -> str:
     return files("ua_demo.talkrobots").joinpath(name).read_text(encoding="utf-8")
 
 
-def _place(actor: Actor, site: Site) -> str:
+def _place(actor: Actor, site: Site, domain: int) -> str:
     if actor.kind is Kind.UR:
-        return free_loopback_address(_UR_PORTS)
+        # Nothing listens there yet: a demonstration that starts now must not choose the same. No other has this domain.
+        return free_loopback_address(_UR_PORTS, domain)
     if actor.kind is Kind.PLUGGED:
         return str(site.folder.absolute() / actor.name)
     return str(free_tcp_port(0))

@@ -94,6 +94,13 @@ def test_an_address_with_all_ports_free_is_found() -> None:
         assert free_loopback_address(ports) not in ("127.0.0.1", taken)
 
 
+def test_an_address_is_looked_for_from_where_it_is_asked_for() -> None:
+    ports = (free_tcp_port(0),)
+    assert free_loopback_address(ports, 254) == "127.0.0.254"
+    with socket.create_server(("127.0.0.254", ports[0])):
+        assert free_loopback_address(ports, 254) == "127.0.0.2"
+
+
 def test_a_port_that_is_taken_on_all_addresses_is_named() -> None:
     port = free_tcp_port(0)
     with ExitStack() as held:

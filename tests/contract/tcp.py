@@ -85,7 +85,7 @@ class Program:
 
     def leave(self) -> None:
         """See MappedRobot."""
-        self._is_gone = True
+        self._gone.set()
         for end in (self._listener, self._socket):
             if end is not None:
                 with suppress(OSError):  # it may be closed already
@@ -104,16 +104,16 @@ class Program:
 
     def come_back(self) -> None:
         """See MappedRobot."""
-        self._is_gone, self._socket = False, None
+        self._gone, self._socket = threading.Event(), None
         self._listener = socket.create_server(self._address)
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
     def _run(self) -> None:
-        while not self._is_gone:
+        while not self._gone.is_set():
             try:
                 self._socket, _ = self._listener.accept()
-                if self._is_gone:  # it went while this bridge was let in, and may not have seen it
+                if self._gone.is_set():  # it went while this bridge was let in, and may not have seen it
                     self._socket.shutdown(socket.SHUT_RDWR)
                 with self._socket, self._socket.makefile(encoding="utf-8", newline="\n") as fields:
                     while (kind := fields.readline().rstrip("\n")) != "":

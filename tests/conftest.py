@@ -82,6 +82,8 @@ def pytest_configure(config: pytest.Config) -> None:
         from tests.forked_workers import ForkedWorkers
 
         config.pluginmanager.register(ForkedWorkers())
+    if hasattr(config, "workerinput"):
+        gc.disable()
     crashes.ask_less(config)
     if config.getoption("--computing"):
         from tests import computing
@@ -100,9 +102,10 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
-    """In a process that runs tests garbage collection looks at none of the 16,000 and their modules."""
+    """In a process that runs tests garbage collection looks at none of the 16,000 and their modules, nor meanwhile."""
     if hasattr(session.config, "workerinput"):
         gc.freeze()
+        gc.enable()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -33,7 +33,7 @@ PATIENCE_MS: Final = 60_000
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if Path(__file__).parent in item.path.parents:
+        if item.nodeid.startswith("tests/console/"):
             item.add_marker(pytest.mark.needs("chromium"))
 
 

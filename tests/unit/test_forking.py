@@ -197,7 +197,7 @@ def test_children_in_the_other_python_are_forked_too(
     assert child.process.wait(60) == 0
     child.end()
     assert child.lines == told
-    assert 0.3 <= forking.computed_s() - before < 3, "what they have computed counts"
+    assert 0.25 < forking.computed_s() - before < 3, "what they have computed counts, in hundredths"
 
     child = processes.start(sys.executable, "-m", "parent", "demo", ROS1_PYTHON, "stays")
     last = int(child.wait_for("third").split()[1])

@@ -32,7 +32,7 @@ SEEDS ?= 0-199
 # Virtual carried runs, by their seeds: make test-carried CARRIED=17,40-43
 CARRIED ?= 0-1999
 
-.PHONY: help setup setup-test demo test test-main test-ros1 test-mutations test-teleoperation test-carried picture testbed testbed-check bench lint format docs docs-serve sbom lock clean
+.PHONY: help setup setup-test demo test test-main test-ros1 test-mutations test-teleoperation test-carried picture pictures testbed testbed-check bench lint format docs docs-serve sbom lock clean
 
 help:
 	@echo "make demo    the fault-tolerant assembly line: OPC UA server, ROS 1 arm, ROS 2 mobile robot;"
@@ -45,7 +45,7 @@ help:
 	@echo "             container disturbed; testbed-check only says what this machine lacks for it"
 	@echo "make lint    ruff, mypy, pyright, import rules"
 	@echo "make docs    the documentation as a site, in build/site; docs-serve shows it while it is edited"
-	@echo "make picture what README begins with, taken anew"
+	@echo "make picture what README begins with, taken anew; pictures: of all pages of the console, in build/pictures"
 	@echo "make sbom    what the wheel and the images are made of (CycloneDX), in build/sbom"
 	@echo "make bench   measure against peers and floors; ONLY=codec for one group"
 	@echo "make setup   the two virtual environments alone; demo and test do it themselves"
@@ -111,6 +111,10 @@ test-mutations: setup-test
 picture: setup-test
 	$(PYTHON) -m pytest -q tests/e2e/test_talkrobots_page.py --require=chromium,ros1,ros2,ur
 	cp build/pictures/console-light.png build/pictures/console-dark.png docs/assets/
+
+# Of each page in both themes and all widths, of which the usual run of the tests keeps none.
+pictures: setup-test
+	UA_FLEET_PICTURES=1 $(PYTHON) -m pytest -q tests/console --require=chromium $(ARGS)
 
 testbed: setup-test
 	@ONLY="$(ONLY)" KEEP="$(KEEP)" $(PYTHON) -m tests.testbed

@@ -16,6 +16,8 @@ from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, Viewport
 from tests import computing, system
 
 PICTURES: Final = system.ROOT / "build" / "pictures"
+_ARE_KEPT: Final = bool(os.environ.get("UA_FLEET_PICTURES"))
+"""Whether pictures are made of all that is looked at (`make pictures`): it is a tenth of what a look computes."""
 THEMES: Final = ("light", "dark")
 WIDTHS: Final = (1280, 360)
 WIDEST: Final = 3840
@@ -170,7 +172,10 @@ class Complaints:
 def axe_violations(page: Page, of: str = "") -> list[str]:
     """What axe finds wrong with what is shown now: rule, and the elements; `of`: by the rules with this tag alone."""
     if not page.evaluate("typeof window.axe === 'object'"):
-        page.evaluate(_AXE.read_text(encoding="utf-8"))
+        # As a script, which a renderer compiles once for all its pages: `Page.evaluate` has it compiled for each.
+        devtools: Any = page.context.new_cdp_session(page)
+        devtools.send("Runtime.evaluate", {"expression": f"{_AXE.read_text(encoding='utf-8')};0"})
+        devtools.detach()
     found: list[dict[str, Any]] = page.evaluate(_RUN_AXE, [_TAGS, of])
     return [f"{one['id']}: {one['help']}: {json.dumps(one['nodes'][:3])}" for one in found]
 
@@ -210,7 +215,10 @@ def _keep(devtools: Any, path: Path) -> None:
 
 
 def pictures(page: Page, name: str) -> list[str]:
-    """Keep pictures of a page in both themes and all widths, in build/pictures; what is wrong with any of them."""
+    """What is wrong with a page in either theme and any width.
+
+    In build/pictures are pictures of it if they are asked for, and of where something is wrong.
+    """
     PICTURES.mkdir(parents=True, exist_ok=True)
     wrong: list[str] = []
     devtools = page.context.new_cdp_session(page)
@@ -218,7 +226,6 @@ def pictures(page: Page, name: str) -> list[str]:
         for theme in THEMES:
             show(page, theme, width)
             page.wait_for_timeout(100)
-            _keep(devtools, PICTURES / f"{name}-{width}-{theme}.png")
             if width != WIDEST:  # whose elements are the same
                 found = axe_violations(page, "" if theme == THEMES[0] else _OF_COLOURS)
                 wrong += [f"{theme}, {width} px: {one}" for one in found]
@@ -228,6 +235,8 @@ def pictures(page: Page, name: str) -> list[str]:
             for pixels, how in zip(beyond, ("wider", "higher"), strict=True):
                 if pixels > 0:
                     wrong.append(f"{theme}, {width} px: the page is {pixels} px {how} than the window")
+            if _ARE_KEPT or wrong:
+                _keep(devtools, PICTURES / f"{name}-{width}-{theme}.png")
     devtools.detach()
     show(page, "light", 1280)
     return wrong

@@ -214,7 +214,7 @@ def axe() -> Callable[[Page], None]:
 
 @pytest.fixture
 def picture() -> Callable[[Page, str], None]:
-    """`picture(page, 'fleet')`: pictures of what is shown now in both themes and widths, of which axe finds nothing."""
+    """`picture(page, 'fleet')`: what is shown now is right in both themes and all widths; axe finds nothing there."""
 
     def kept(page: Page, name: str) -> None:
         assert browsing.pictures(page, name) == []

@@ -31,7 +31,7 @@ PAGES: Final = {
 }
 """Where each is, and what it says where there is nothing."""
 PICTURES: Final = ("robot", "resilience")
-"""Of which pages pictures are kept."""
+"""The pages at which `picture` looks, too."""
 REFUSED: Final = "the session <b>was</b> closed"
 
 

@@ -1,14 +1,29 @@
-"""A fresh folder and free ports for whoever walks through a page."""
+"""A fresh folder and free ports for whoever walks through a page, and the site of all pages."""
 
 from __future__ import annotations
 
+import fcntl
 import sys
 from pathlib import Path
 
 import pytest
 
 from tests import system
+from tests.docs.site import build
 from tests.docs.walkthrough import PASSWORD
+
+
+@pytest.fixture(scope="session")
+def site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, built by the first process of tests that needs it: it takes 2 s of computing."""
+    folder = tmp_path_factory.getbasetemp()
+    if hasattr(request.config, "workerinput"):
+        folder = folder.parent  # that of all processes of this run
+    with (folder / "site.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (built := folder / "site").exists():
+            build(tmp_path_factory.mktemp("pages")).rename(built)
+    return built
 
 
 @pytest.fixture

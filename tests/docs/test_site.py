@@ -8,17 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.site import build, build_fails
+from tests.docs.site import build_fails
 from tests.unit.docs.pages import ROOT
 
 _LOADED = re.compile(
     r"<(?:script|img|iframe|source)\b[^>]*?\bsrc=\"?([^\" >]+)|<link\b[^>]*?\bhref=\"?([^\" >]+)[^>]*>"
 )
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(tmp_path_factory.mktemp("pages"))
 
 
 def test_no_page_loads_anything_from_elsewhere(site: Path) -> None:

@@ -11,7 +11,6 @@ import pytest
 from playwright.sync_api import Browser, Page, Route, expect
 
 from tests.console import browsing
-from tests.docs.site import build
 
 pytestmark = pytest.mark.needs("chromium")
 
@@ -26,11 +25,6 @@ _BRIGHTNESS = """async data => {
     const pixels = context.getImageData(0, 0, image.width, image.height).data;
     return pixels.reduce((sum, one) => sum + one, 0) / pixels.length;
 }"""
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(tmp_path_factory.mktemp("pages"))
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,9 @@ each accept fails, and the thread goes round until its process has ended, for a 
 
 from __future__ import annotations
 
+import importlib
 import socketserver
 from typing import Any
-
-import rosgraph.xmlrpc
 
 __all__ = ["keep"]
 
@@ -25,4 +24,5 @@ def _get_request(server: Any) -> Any:
 
 def keep() -> None:
     """Have each server end by its first accept that fails since its socket is closed."""
-    rosgraph.xmlrpc.ThreadingXMLRPCServer.get_request = _get_request
+    server: Any = importlib.import_module("rosgraph.xmlrpc").ThreadingXMLRPCServer
+    server.get_request = _get_request

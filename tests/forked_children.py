@@ -29,7 +29,7 @@ from typing import Any, Final
 
 from tests.forking import SharedForkServer, command_of, how_it_was
 
-__all__ = ["computed_beside_s", "fork"]
+__all__ = ["computed_beside_s", "fork", "fork_beside"]
 
 _BYTES: Final = 1 << 17
 _PR_SET_PDEATHSIG: Final = 1
@@ -113,14 +113,14 @@ def _serve(requests: socket.socket, parent: int) -> tuple[dict[str, Any], list[i
         return request, descriptors
 
 
-def _start(requests: socket.socket, popen: Any, given: tuple[Any, ...]) -> None:
+def _start(requests: socket.socket | None, popen: Any, given: tuple[Any, ...]) -> None:
     """As `subprocess.Popen._execute_child` with what that is given."""
     args, _, preexec_fn, _, pass_fds, folder, environment, _, _, is_shell = given[:10]
     pipes, has_session = given[10:16], given[-2]
     words = [] if is_shell or isinstance(args, str | bytes | os.PathLike) else [os.fsdecode(word) for word in args]
     ends_with_parent = words[:3] == _ENDS_WITH_PARENT
     command = command_of(words[3:] if ends_with_parent else words) if words else None
-    is_ours = command is not None and command.python == sys.executable
+    is_ours = requests is not None and command is not None and command.python == sys.executable
     server = None if is_ours or command is None or not has_session else _server_beside(command.python)
     if command is None or not (is_ours or server) or preexec_fn is not None or pass_fds:
         _execute_child(popen, *given)
@@ -136,6 +136,7 @@ def _start(requests: socket.socket, popen: Any, given: tuple[Any, ...]) -> None:
     }
     streams = [own if own >= 0 else usual for own, usual in zip((pipes[0], pipes[3], pipes[5]), range(3), strict=True)]
     if server is None:
+        assert requests is not None
         socket.send_fds(requests, [json.dumps(request).encode()], streams)
         popen.pid = int(requests.recv(32))
     else:
@@ -161,12 +162,21 @@ def fork() -> tuple[dict[str, Any], list[int]] | None:
             signal.signal(number, signal.SIG_IGN)
         return _serve(its, parent)
     its.close()
+    _have_forked(ours)
+    return None
+
+
+def fork_beside() -> None:
+    """Have this process, which was not forked itself, have its children forked off those that fork for all tests."""
+    _have_forked(None)
+
+
+def _have_forked(requests: socket.socket | None) -> None:
     lock = threading.Lock()
 
     def execute_child(popen: Any, *given: Any) -> None:
         with lock:
-            _start(ours, popen, given)
+            _start(requests, popen, given)
 
     _popen._execute_child = execute_child
     _have_waited()
-    return None

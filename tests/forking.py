@@ -40,18 +40,28 @@ _ENV: Final = "/usr/bin/env"
 _RUN: Final = os.environ.setdefault("UA_TESTS_ARE_FORKED_BY", secrets.token_hex(8))
 """By this word in their environment all processes of a run find those that fork others."""
 _IMPORTED: Final = (
+    "actionlib",
     "ament_index_python",
     "anyio._backends._asyncio",
+    "configparser",
     "cryptography.hazmat.backends.openssl.backend",
     "em",
     "encodings.idna",
     "geometry_msgs.msg",
     "lark",
+    "move_base_msgs.msg",
     "nav_msgs.msg",
     "numpy",
     "pkgutil",
+    "pymodbus.server",
     "rcl_interfaces.msg",
     "rcl_interfaces.srv",
+    "rclpy.action",
+    "rclpy.event_handler",
+    "rclpy.executors",
+    "rclpy.experimental.events_executor",
+    "rclpy.node",
+    "rclpy.serialization",
     "rosgraph_msgs.msg",
     "rosidl_generator_py",
     "rosgraph.roslogging",
@@ -61,16 +71,21 @@ _IMPORTED: Final = (
     "std_msgs.msg",
     "std_srvs.srv",
     "tests.integration.scenarios.machines",
+    "tests.ros2_spinning",
+    "tests.saying",
+    "type_description_interfaces.msg",
     "type_description_interfaces.srv",
     "typer._adapters",
     "ua_bridges.modbus.config",
     "ua_bridges.modbus.driver",
     "ua_bridges.plugged.config",
     "ua_bridges.plugged.driver",
+    "ua_bridges.robot.ros1",
+    "ua_bridges.robot.ros2",
     "ua_bridges.ros1.config",
     "ua_bridges.ros1.driver",
     "ua_bridges.ros1.session",
-    "ua_bridges.ros1.skills",
+    "ua_bridges.ros1.skills.driver",
     "ua_bridges.ros2.config",
     "ua_bridges.ros2.driver",
     "ua_bridges.ros2.session",
@@ -82,9 +97,12 @@ _IMPORTED: Final = (
     "ua_demo.commands.pal",
     "ua_demo.commands.simulate",
     "ua_demo.commands.talkrobots",
+    "ua_demo.hand",
     "ua_demo.pal.run",
     "ua_demo.ros_node",
+    "ua_demo.simulators.modbus.server",
     "ua_demo.simulators.tcp",
+    "ua_demo.simulators.ur.server",
     "ua_demo.talkrobots.run",
     "ua_fleet.bridge.children",
     "ua_fleet.bridge.launch",
@@ -105,10 +123,7 @@ _IMPORTED: Final = (
     "uvicorn.lifespan.off",
     "wait_for2",
 )
-"""What programs load when they start or later; what an interpreter has not is left out.
-
-rclpy is not among them: it starts threads, which no fork has. Its messages are, which are as much to load.
-"""
+"""What programs load when they start or later; what an interpreter has not is left out."""
 
 
 class Command(NamedTuple):

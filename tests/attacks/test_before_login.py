@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import json
 import struct
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tests import system
 from tests.attacks.bombs import BombMaker, length
 from tests.attacks.fuzzing import EARLY
 from tests.attacks.harness import AttackedServer, Attacker, attacked, binary, ua
-from tests.system import clean_environment
 
 _NULL_ID = b"\0\0"
 
@@ -176,15 +175,7 @@ def test_fuzzed_requests_before_login_harm_nobody(server: AttackedServer) -> Non
 @pytest.mark.timeout(300)
 def test_a_hundred_thousand_bombs_take_neither_memory_nor_time() -> None:
     program = Path(__file__).with_name("fuzzing.py")
-    ended = subprocess.run(
-        [sys.executable, program, "100000", "11"],
-        env=clean_environment(PYTHONPATH=".:bridges"),
-        cwd=Path(__file__).parents[2],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=280,
-    )
+    ended = system.run(sys.executable, program, "100000", "11", timeout_s=280, folder=system.ROOT)
     assert ended.returncode == 0, ended.stderr[-2_000:]
     told = json.loads(ended.stdout)
     assert told["outcomes"].pop("too late", 0) == 0

@@ -13,13 +13,14 @@ from typing import Any
 import pytest
 from ua_demo.pal.conductor import POSE
 
-from tests import terminal
+from tests import forking, terminal
 from tests.e2e.console import check_console, told_of_console
 from tests.system import ROOT, Child, Processes, clean_environment, free_multicast_url, free_tcp_port
 from tests.system import ros_domain as ros_domain_lock
 from ua_fleet.endpoint.certificates import CertificateState, list_certificates
 
 RUN_TIMEOUT_S = 90
+CHILDREN_ARE_FORKED = Path(__file__).with_name("children_are_forked")
 
 
 def _start(processes: Processes, folder: Path, domain: int, *options: str, once: bool = True) -> tuple[Child, Path]:
@@ -161,6 +162,7 @@ def test_without_the_loop_rule_messages_come_round_again(processes: Processes, t
 @pytest.mark.needs("ros2")
 @pytest.mark.parametrize("shown", ["starting the server", "ned picks a cover"])
 def test_ctrl_c_before_the_end_is_no_error_of_make(tmp_path: Path, ros_domain: int, shown: str) -> None:
+    forking.share()
     with ros_domain_lock() as arm_domain:
         options = (
             *("--speed", "20", "--without-ros1", "--domain", ros_domain, "--arm-domain", arm_domain),
@@ -171,7 +173,7 @@ def test_ctrl_c_before_the_end_is_no_error_of_make(tmp_path: Path, ros_domain: i
             shown,
             terminal.CTRL_C,
             folder=ROOT,
-            environment=clean_environment(),
+            environment=clean_environment(PYTHONPATH=str(CHILDREN_ARE_FORKED)),
             delay_s=0.5,
         )
     assert (ended.code, "Error" in ended.shown, "Traceback" in ended.shown) == (-signal.SIGINT, False, False)

@@ -32,6 +32,9 @@ else:
 command_tree.keep()
 known_keys.keep()
 
+# What tests make mostly ends with them: to look for cycles in it after each 700 objects took a twelfth of the computing.
+gc.set_threshold(10_000, 20, 20)
+
 # A shell has what it starts in the background ignore SIGINT, and so would all programs that tests end by it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

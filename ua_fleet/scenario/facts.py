@@ -419,8 +419,9 @@ def decode_fact(line: str) -> Fact:
         data: dict[str, Any] = json.loads(line)
         name = data.pop("fact")
         for key, value in data.items():
-            if type(value) is list:
-                data[key] = tuple(value)
+            items: Any = value
+            if isinstance(value, list):
+                data[key] = tuple(items)
         for key, kind in _ENUMS[name].items():
             data[key] = kind(data[key])
         fact: Fact = _KINDS[name](**data)

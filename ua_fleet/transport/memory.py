@@ -81,7 +81,8 @@ class MemoryNetwork:
         if not self._way:
             return False
         due, _, endpoint, datagram, sender = heapq.heappop(self._way)
-        self.now = max(self.now, due)
+        if due > self.now:
+            self.now = due
         endpoint.deliver(datagram, sender)
         return True
 
@@ -93,13 +94,14 @@ class MemoryNetwork:
 
     def carry(self, datagram: bytes, sender: MemoryEndpoint, address: Address | None = None) -> None:
         """Put a datagram on its way to all members, or to the one with this address."""
-        for endpoint in self._receivers(datagram, sender.address, address):
-            if self._random.random() < self.loss:
+        random, own = self._random.random, sender.address
+        shortest_s, spread_s = self.min_delay_s, self.max_delay_s - self.min_delay_s
+        for endpoint in self._receivers(datagram, own, address):
+            if random() < self.loss:
                 continue
-            copies = 2 if self._random.random() < self.duplicate else 1
-            for _ in range(copies):
-                due = self.now + self._random.uniform(self.min_delay_s, self.max_delay_s)
-                heapq.heappush(self._way, (due, next(self._order), endpoint, datagram, sender.address))
+            for _ in range(2 if random() < self.duplicate else 1):
+                due = self.now + (shortest_s + spread_s * random())
+                heapq.heappush(self._way, (due, next(self._order), endpoint, datagram, own))
 
     def _receivers(self, datagram: bytes, sender: Address, address: Address | None) -> Iterable[MemoryEndpoint]:
         if address is None:

@@ -300,7 +300,7 @@ def encode_extension_object(out: bytearray, value: Any) -> None:
 def decode_uint16s(cursor: Cursor) -> tuple[int, ...]:
     """An array of UInt16; a null array is empty."""
     count = cursor.length(2) or 0
-    return tuple(cursor.unpack(Struct(f"<{count}H")))
+    return tuple(cursor.unpack(Struct(f"<{count}H"))) if count else ()
 
 
 def encode_uint16s(out: bytearray, values: tuple[int, ...]) -> None:
@@ -313,7 +313,7 @@ def encode_uint16s(out: bytearray, values: tuple[int, ...]) -> None:
 def decode_uint32s(cursor: Cursor) -> tuple[int, ...]:
     """An array of UInt32; a null array is empty."""
     count = cursor.length(4) or 0
-    return tuple(cursor.unpack(Struct(f"<{count}I")))
+    return tuple(cursor.unpack(Struct(f"<{count}I"))) if count else ()
 
 
 def encode_uint32s(out: bytearray, values: tuple[int, ...]) -> None:

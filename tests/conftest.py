@@ -34,7 +34,7 @@ known_keys.keep()
 # What is logged before a program sets its logs up: rich took 0.1 s for each traceback, with all that is in its frames.
 structlog.get_config()["processors"][-1].exception_formatter = structlog.dev.plain_traceback
 
-# What tests make mostly ends with them: to look for cycles in it after each 700 objects took a twelfth of computing.
+# What tests make mostly ends with them: to look for cycles in it after each 700 objects is computing for nothing.
 gc.set_threshold(10_000, 20, 20)
 
 # A shell has what it starts in the background ignore SIGINT, and so would all programs that tests end by it.

@@ -4,13 +4,14 @@
 After a restart the robots that were there have the last value of every topic, and must not get it again. A robot that
 is new and asks for TRANSIENT_LOCAL must get it. DDS cannot send to one subscriber only; but a participant that
 publishes before it has discovered anybody is heard by no VOLATILE subscriber, since for those that is the past. So the
-first new subscriber makes us publish the value through a participant of its own. What remains: a robot that was there
-and asks for TRANSIENT_LOCAL gets the value a second time then, as from any ROS 2 node that is restarted.
+first new subscriber makes us publish the value through a participant of its own; one that has discovered somebody
+meanwhile, since this process was kept waiting, is left for another. What remains: a robot that was there and asks for
+TRANSIENT_LOCAL gets the value a second time then, as from any ROS 2 node that is restarted.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import structlog
 
@@ -20,6 +21,9 @@ from ua_bridges.ros2.node import Ros2Node, leave, make_node, make_profile
 from ua_bridges.ros2.qos import MIRROR
 
 __all__ = ["LateSubscribers"]
+
+_PARTICIPANTS: Final = 5
+"""So many are tried, one after the other, where a subscriber knows each of them before the value is published."""
 
 _log = structlog.get_logger("ua_bridges.ros2")
 
@@ -80,18 +84,32 @@ class LateSubscribers:
         return is_owed
 
     def _publish(self, names: list[str]) -> None:
-        config = self._config
-        context, node = make_node(config.space, f"{config.node_name}_late", config.discovery)
+        found: tuple[Any, Any] | None = None
         for name in names:  # at once: in some milliseconds the participant will be known, and heard by everybody
             message_class, message = self._kept.pop(name)
-            try:
-                publisher = node.create_publisher(message_class, name, make_profile(MIRROR))
-                publisher.publish(message)
-            except Exception:  # noqa: BLE001 - rclpy raises what it likes; one topic, one mistake
-                _log.exception("a kept value could not be published for late subscribers", topic=name)
-                continue
-            self._published[name] = node, publisher
-        self._participants.append((context, node))
+            for is_last in (False,) * (_PARTICIPANTS - 1) + (True,):
+                context, node = found = found or self._join()
+                try:
+                    publisher = node.create_publisher(message_class, name, make_profile(MIRROR))
+                    if is_known := bool(node.count_subscribers(name)) and not is_last:
+                        node.destroy_publisher(publisher)
+                    else:
+                        publisher.publish(message)
+                        self._published[name] = node, publisher
+                except Exception:  # noqa: BLE001 - rclpy raises what it likes; one topic, one mistake
+                    _log.exception("a kept value could not be published for late subscribers", topic=name)
+                    break
+                if not is_known:
+                    break
+                found = None  # this process was kept waiting
+                if all(used is not node for used, _ in self._published.values()):
+                    self._participants.remove((context, node))
+                    leave(context, node)
+
+    def _join(self) -> tuple[Any, Any]:
+        joined = make_node(self._config.space, f"{self._config.node_name}_late", self._config.discovery)
+        self._participants.append(joined)
+        return joined
 
     def close(self) -> None:
         """Leave the domain."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 
 from tests.integration.server_security.harness import load, make_certificate
 from ua_fleet.endpoint.certificates import CertificateFiles, CertificateState, certificates_folder, load_certificate
+from ua_fleet.endpoint.own_time import own_time
 from ua_fleet.endpoint.trust import CertificateRefused, TrustList
 
 MANY = 20_000
@@ -89,9 +89,9 @@ def test_a_long_list_is_read_once(issued: tuple[Path, CertificateFiles, x509.Cer
     state, ca, plc = issued
     revoke(state, ca, list(range(1, MANY + 1)))
     trust_list = TrustList(state)
-    first = time.process_time()
+    first = own_time()
     trust_list.check([plc])
-    began = time.process_time()
+    began = own_time()
     for _ in range(20):
         trust_list.check([plc])
-    assert time.process_time() - began < 10 * (began - first)
+    assert own_time() - began < 10 * (began - first)

@@ -41,8 +41,6 @@ THREADS_OF_ROS = 2
 """LTTng, which the C of ROS 2 is built with, has them wait for who asks for traces; who is forked off does without."""
 PEER = struct.Struct("3i")
 """Process, user and group of who has connected."""
-MADV_COLLAPSE = 25
-LARGE_PAGE = 1 << 21
 OF_LAUNCHERS = (["demo"], ["up"], ["--runs"])
 """The first argument of what starts many programs in Python: demonstrations, fleets, and `tests.carried.killed`."""
 
@@ -209,24 +207,6 @@ def prepare(modules: list[str]) -> None:
         importlib.import_module("tests.rospy_ends").keep()
     if "ua_fleet.server.app" in sys.modules:
         importlib.import_module("tests.standard_space").make_for_one()
-    join_pages()
-
-
-def join_pages() -> None:
-    """Have the memory of this process in large pages, where the system can do so (Linux 6.1).
-
-    A fork copies an entry for each page, and an end frees it: with small ones both take longer than a short program.
-    """
-    system = ctypes.CDLL(None)
-    system.madvise.argtypes = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int
-    with open("/proc/self/maps", encoding="ascii", errors="replace") as maps:
-        lines = [line.split() for line in maps]
-    for place, rights, *_, inode in (line[:5] for line in lines):
-        if rights == "rw-p" and inode == "0":
-            first, end = (int(address, 16) for address in place.split("-"))
-            first, end = -(-first // LARGE_PAGE) * LARGE_PAGE, end // LARGE_PAGE * LARGE_PAGE
-            if first < end:
-                system.madvise(first, end - first, MADV_COLLAPSE)
 
 
 class Once:

@@ -8,6 +8,7 @@ from collections.abc import AsyncGenerator
 from pathlib import Path
 
 import pytest
+from ua_bridges.modbus import job
 from ua_bridges.modbus.driver import ModbusDriver, create_driver
 from ua_bridges.modbus.memory import HandshakeMemory
 
@@ -132,7 +133,10 @@ async def test_whether_a_slow_program_has_read_it_nobody_knows(slow: Machine) ->
     assert not (isinstance(ended, ExecutionEnded) and ended.status == StatusCode.GOOD)
 
 
-async def test_what_a_slow_program_begins_while_it_is_watched_is_followed(slow: Machine) -> None:
+async def test_what_a_slow_program_begins_while_it_is_watched_is_followed(
+    slow: Machine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(job, "_LEAST_WATCH_S", 10.0)  # so that it begins meanwhile on a busy machine too
     slow.plc.do("stop")
     execution = slow.begin("weld")
     await until(lambda: slow.word(100) == 1, "the request")

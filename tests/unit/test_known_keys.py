@@ -32,6 +32,7 @@ def test_those_that_are_drawn_differ_also_over_processes(tmp_path: Path) -> None
     with Processes() as processes:
         child = processes.start(Path(sys.executable), tmp_path / "draw.py")
         assert child.process.wait(60) == 0, child.lines
+        child.end()
         drawn = int(child.lines[-1])
     assert len({drawn, *(key.public_key().public_numbers().n for key in keys)}) == 4 < MOST
     for key in keys:

@@ -103,6 +103,7 @@ async def test_killed_bridge_delivers_nothing_twice_when_it_is_back(both: Both, 
     async with Peer.at(both.ros2.udp_url) as peer:
         both.talker(space, topic, "--rate", "1", "--count", "3", "--wait", latched=True)
         await until(peer, listener, 2)
+        assert await looped(both, peer) == [0, 0]  # by now a bridge has noted what its robots have heard
         both.kill(killed)
         await asyncio.sleep(6)  # the last value is repeated meanwhile
         assert numbers(listener) == [0, 1, 2]

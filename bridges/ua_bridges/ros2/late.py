@@ -22,8 +22,8 @@ from ua_bridges.ros2.qos import MIRROR
 
 __all__ = ["LateSubscribers"]
 
-_PARTICIPANTS: Final = 5
-"""So many are tried, one after the other, where a subscriber knows each of them before the value is published."""
+_MORE_PARTICIPANTS: Final = 4
+"""How many are tried, one after the other, in place of one that a subscriber knows before the value is published."""
 
 _log = structlog.get_logger("ua_bridges.ros2")
 
@@ -84,31 +84,36 @@ class LateSubscribers:
         return is_owed
 
     def _publish(self, names: list[str]) -> None:
-        found: tuple[Any, Any] | None = None
+        joined = self._join()
         for name in names:  # at once: in some milliseconds the participant will be known, and heard by everybody
-            message_class, message = self._kept.pop(name)
-            for is_last in (False,) * (_PARTICIPANTS - 1) + (True,):
-                context, node = found = found or self._join()
-                try:
-                    publisher = node.create_publisher(message_class, name, make_profile(MIRROR))
-                    if is_known := bool(node.count_subscribers(name)) and not is_last:
-                        node.destroy_publisher(publisher)
-                    else:
-                        publisher.publish(message)
-                        self._published[name] = node, publisher
-                except Exception:  # noqa: BLE001 - rclpy raises what it likes; one topic, one mistake
-                    _log.exception("a kept value could not be published for late subscribers", topic=name)
-                    break
-                if not is_known:
-                    break
-                found = None  # this process was kept waiting
-                if all(used is not node for used, _ in self._published.values()):
-                    self._participants.remove((context, node))
-                    leave(context, node)
+            message_class, message = self._kept[name]
+            try:
+                publisher = joined[1].create_publisher(message_class, name, make_profile(MIRROR))
+                for _ in range(_MORE_PARTICIPANTS):
+                    if not joined[1].count_subscribers(name):
+                        break
+                    joined[1].destroy_publisher(publisher)
+                    joined = self._join_instead_of(joined)
+                    publisher = joined[1].create_publisher(message_class, name, make_profile(MIRROR))
+                else:
+                    _log.warning("a kept value may be heard twice: each new participant was known at once", topic=name)
+                publisher.publish(message)
+                self._published[name] = joined[1], publisher
+            except Exception:  # noqa: BLE001 - rclpy raises what it likes; one topic, one mistake
+                _log.exception("a kept value could not be published for late subscribers", topic=name)
+            del self._kept[name]
 
     def _join(self) -> tuple[Any, Any]:
         joined = make_node(self._config.space, f"{self._config.node_name}_late", self._config.discovery)
         self._participants.append(joined)
+        return joined
+
+    def _join_instead_of(self, known: tuple[Any, Any]) -> tuple[Any, Any]:
+        """A new participant; the one that is known already ends, unless it has published another value."""
+        joined = self._join()
+        if all(node is not known[1] for node, _ in self._published.values()):
+            self._participants.remove(known)
+            leave(*known)
         return joined
 
     def close(self) -> None:

@@ -82,7 +82,7 @@ async def test_late_subscriber_gets_the_value_that_the_dead_bridge_delivered(ros
         assert numbers(heard(early)) == [7, 8]
 
 
-@pytest.mark.parametrize("waits", [0, 2])
+@pytest.mark.parametrize("waits", [0, 2, 5])
 def test_a_bridge_that_is_kept_waiting_publishes_for_late_subscribers_as_one_whom_nobody_knows(
     ros2: Ros2Space, waits: int
 ) -> None:
@@ -90,11 +90,13 @@ def test_a_bridge_that_is_kept_waiting_publishes_for_late_subscribers_as_one_who
     listener = "listener.py", FOREIGN.name, "std_msgs/Int32", "--meet", "ua_bridge"
     early = ros2.node(*listener)
     late = ros2.node(*listener, "--transient-local", "--name", "late")
-    assert bridge.wait_for("participants") == f"participants {waits + 1}"
+    assert bridge.wait_for("participants") == f"participants {min(waits + 1, 5)}"
     for child in (early, late):
         child.wait_for("data=8")
     late.wait_for("data=7")
-    assert numbers(heard(early)) == [8]
+    if waits < 5:
+        assert numbers(heard(early)) == [8]
+    assert any("may be heard twice" in line for line in bridge.lines) == (waits == 5)
 
 
 async def test_latched_source_is_not_sent_again_as_new_by_a_restarted_bridge(ros2: Ros2Space) -> None:

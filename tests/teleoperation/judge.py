@@ -104,6 +104,8 @@ class Facts:
     frozen: Sequence[Frozen] = ()
     waited: Sequence[Sequence[Waited]] = ()
     """Of each process that has a part in the stop, in the order of time."""
+    takes_last: Sequence[Waited] = ()
+    """Of a robot that takes the last alone of the speeds that came while it waited for a core."""
 
 
 class Stop(NamedTuple):
@@ -163,6 +165,9 @@ class _Judge:
 
     def _step(self, before: Entry, entry: Entry) -> None:
         at, speed = entry
+        if self._has_missed_zero(before, entry):
+            self._step(before, Entry(at, 0.0))
+            before = Entry(at, 0.0)
         if speed * before.speed < 0:
             self._wrong(at, f"it goes from {before.speed:g} to {speed:g} without standing between: two command")
         if before.speed and abs(speed) < abs(before.speed):
@@ -179,6 +184,13 @@ class _Judge:
         self._is_rising = abs(speed) > abs(before.speed)
         extra_s = self._rules.rise_s if self._is_rising and before.speed else 0.0
         self._moves(at, speed, extra_s)
+
+    def _has_missed_zero(self, before: Entry, entry: Entry) -> bool:
+        """Whether the robot may have stood in between, and was busy for so long that it has not taken the zero."""
+        is_falling = abs(entry.speed) < abs(before.speed) and entry.speed * before.speed > 0
+        if self._began is None or not entry.speed or is_falling:
+            return False
+        return _most_waited_s(self._facts.takes_last, before.at, entry.at) >= self._rules.period_s
 
     def _moves(self, at: float, speed: float, extra_s: float) -> None:
         """A motion that rises or holds."""

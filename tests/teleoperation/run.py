@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from tests.system import Child
@@ -78,7 +78,6 @@ class Run:
         self._lane, self._plan, self._together = lane, plan, together
         self._device = lane.page if plan.is_page else lane.tab
         self._began = time.monotonic()
-        self._facts = Facts([], 0.0, [], [])
         self._blocked: list[Blocked] = []
         self._frozen: list[Frozen] = []
         self._speed = plan.speed * SPEED
@@ -102,12 +101,13 @@ class Run:
         grants, wishes = lane.grants(since), lane.wishes(since)
         until = time.monotonic()
         waited = lane.waited(since)
-        verdict = judge(Facts(lane.moved(since), until, grants, wishes, self._blocked, self._frozen, waited), RULES)
+        facts = Facts(lane.moved(since), until, grants, wishes, self._blocked, self._frozen, waited)
+        verdict = judge(replace(facts, takes_last=waited[-1]), RULES)
         outcome.problems += verdict.problems[:MOST_TOLD]
         outcome.stops = verdict.stops
         # What the bridge wrote is as good, and where it stood it had no watch of the robot's above it.
         rules = RULES._replace(robot_timeout_s=60.0)
-        heard = judge(Facts(lane.heard(since), until, grants, wishes, self._blocked, self._frozen, waited), rules)
+        heard = judge(replace(facts, entries=lane.heard(since)), rules)
         outcome.problems += [f"what the bridge wrote: {problem}" for problem in heard.problems[:MOST_TOLD]]
         return outcome
 

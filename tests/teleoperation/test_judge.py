@@ -101,6 +101,19 @@ def test_what_rises_before_a_stop_was_over_is_a_problem() -> None:
     assert "while it is stopped" in verdict([*falling, *again, Entry(2.22, 0.0)]).problems[0]
 
 
+def test_a_robot_that_waited_for_a_core_may_not_have_taken_the_zero_between_two_who_drive() -> None:
+    falling = [entry for entry in hump(1.05, 1.6) if entry.at < 1.9]
+    entries = [*falling, *hump(1.95, LAST + RULES.deadman_s, -FULL)[1:]]
+    facts = {
+        "grants": [Grant(1, 0.8, 0.9), Grant(2, 1.5, 1.6)],
+        "wishes": [*wishes(until=1.6), *wishes(2, -FULL, since=1.7)],
+    }
+    assert "without standing between" in verdict(entries, **facts).problems[0]
+    for waited_s, problems in ((0.0, 2), (0.01, 2), (0.03, 0)):
+        waited = [Waited(1.0, {1: 0.0}), Waited(1.9, {1: 0.0}), Waited(1.98, {1: waited_s}), Waited(3.0, {1: waited_s})]
+        assert len(verdict(entries, takes_last=waited, **facts).problems) == problems
+
+
 def test_a_stale_echo_is_an_old_wish_however_late_it_is_sent() -> None:
     stale = [Wish(at, LAST, 1, FULL) for at in every(0.05, LAST, LAST + 2)]
     assert verdict(hump(1.05, LAST + RULES.deadman_s), wishes=[*wishes(), *stale]).problems == []

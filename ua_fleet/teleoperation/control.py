@@ -9,7 +9,8 @@
                        the robot away, this process standing-->  STOPPING
 
 Once a stop has begun it goes to its end: the setpoints of a new lease are taken, and followed from zero on. So two who
-command never mix, and the time of a stop does not depend on who comes next.
+command never mix, and the time of a stop does not depend on who comes next. The zero at its end is always written, and
+for a period: a step that is late catches up no further than that.
 
 The process may stand for a while (SIGSTOP, a debugger, a machine without a core to spare). The output then goes on
 along its profile by as many periods as went by, and what has become too old meanwhile has stopped it. Where it stood
@@ -175,10 +176,12 @@ class Control:
             return None
         while now >= step_at:
             step_at += self.model.period_s
+            was_stopping = self._is_stopping
             if not self._go(now):
                 self._step_at = None
                 return self._ramp.values
-            if self._watch is None and not self._is_stopping:  # each zero is written, however late
+            stands = was_stopping or self._watch is None
+            if stands and not self._is_stopping:  # each zero is written, however late
                 step_at = max(step_at, now + self.model.period_s)
         self._step_at = step_at
         return self._ramp.values

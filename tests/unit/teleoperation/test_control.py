@@ -163,6 +163,24 @@ def test_a_stop_goes_to_its_end_before_the_next_one_drives() -> None:
     assert linear[-1] > 0.1
 
 
+@pytest.mark.parametrize("late_s", [period * PERIOD_S for period in range(1, 13)])
+def test_the_zero_between_two_who_drive_is_written_when_the_bridge_was_late(late_s: float) -> None:
+    one = Drive()
+    one.acquire()
+    one.drive(2.0, 0.4, 0.0)
+    one.acquire("eve", "s3", take_over=True)
+    before = len(one.written)
+    assert one.send(-0.4, 0.0) is None
+    while one.last[0] >= 0.0:
+        one.now += late_s - PERIOD_S
+        one.wait(PERIOD_S)
+        assert one.send(-0.4, 0.0) is None
+    linear = [(at, values[0]) for at, values in one.written[before:]]
+    stood = next(at for at, speed in linear if speed == 0.0)
+    went = next(at for at, speed in linear if speed < 0.0)
+    assert went >= stood + PERIOD_S - 1e-9
+
+
 def test_the_same_session_acquires_again_without_taking_over() -> None:
     one = Drive()
     assert (one.acquire(), one.acquire()) == (1, 2)

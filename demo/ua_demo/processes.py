@@ -10,7 +10,7 @@ import signal
 import socket
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
@@ -24,8 +24,6 @@ _LINES: Final = 1000
 """Lines of each process that are looked through for what is waited for; its log has all."""
 _PORTS: Final = range(10_000, 20_000)
 """Below those that a system gives to connections (Linux: 32768 and above)."""
-_others: Final = iter(random.sample(_PORTS, len(_PORTS)))
-"""Each is given out once: who was given one may be about to listen there."""
 
 
 class DemoFailed(UaFleetError):
@@ -185,6 +183,15 @@ def _last_words(log: str) -> str:
     except ValueError:
         return last
     return str(found.get("event", ""))
+
+
+def _drawn() -> Generator[int]:
+    yield from random.sample(_PORTS, len(_PORTS))
+
+
+_others: Final = _drawn()
+"""Each is given out once: who was given one may be about to listen there. All are drawn with the first one,
+so that a process which was forked off has others."""
 
 
 def free_tcp_port(preferred: int) -> int:

@@ -13,6 +13,8 @@ from tests.system import Processes
 
 WORDS = 4 * 2
 """The two tasks of the robot that stands in are asked for over the network: each answered, and both acknowledged."""
+SILENCE = 12
+"""Messages at most for a robot that seems to be away for a moment: that it is, and is back, and who asks for it."""
 
 
 @pytest.mark.needs("ros1", "ros2", "ur")
@@ -33,6 +35,8 @@ def test_bridges_carry_the_nine_tasks(processes: Processes, tmp_path: Path) -> N
     assert messages["token"] >= 2 * least
     # On a machine that is too busy to answer within 0.1 s, words are repeated: what is beyond is not counted here.
     repeated = messages["token"] - 2 * least + max(0, messages["request"] + messages["response"] - WORDS)
+    server = (tmp_path / "run" / "log" / "server.log").read_text(encoding="utf-8")
+    repeated += SILENCE * server.partition("run ended")[0].count(" is silent")
     assert sum(messages[kind] for kind in COUNTED) - repeated <= MOST_MESSAGES
     per_message = size["token"] / messages["token"]
     assert sum(size[kind] for kind in COUNTED) - repeated * per_message <= MOST_BYTES

@@ -110,7 +110,7 @@ def test_a_robot_that_waited_for_a_core_may_not_have_taken_the_zero_between_two_
     }
     assert "without standing between" in verdict(entries, **facts).problems[0]
     for waited_s, problems in ((0.0, 2), (0.01, 2), (0.03, 0)):
-        waited = [Waited(1.0, {1: 0.0}), Waited(1.9, {1: 0.0}), Waited(1.98, {1: waited_s}), Waited(3.0, {1: waited_s})]
+        waited = [Waited(1.0, {"1": 0.0}), Waited(1.9, {"1": 0.0}), Waited(1.98, {"1": waited_s})]
         assert len(verdict(entries, takes_last=waited, **facts).problems) == problems
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import socket
+import subprocess
 import sys
 from contextlib import ExitStack
 from pathlib import Path
@@ -85,6 +86,15 @@ def test_a_free_port_is_none_that_the_system_gives_to_a_connection_and_each_is_g
     with socket.create_server(("127.0.0.1", ports[0])):
         assert free_tcp_port(ports[0]) not in ports
     assert free_tcp_port(ports[0]) == ports[0]
+
+
+def test_a_process_that_is_forked_off_draws_ports_of_its_own() -> None:
+    """Two demonstrations that tests start side by side would else take the same."""
+    program = (
+        "import os; from ua_demo.processes import free_tcp_port; os.fork(); print([free_tcp_port(0) for _ in range(9)])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert len(set(done.stdout.splitlines())) == 2
 
 
 def test_an_address_with_all_ports_free_is_found() -> None:

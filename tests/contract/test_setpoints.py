@@ -36,6 +36,13 @@ async def test_setpoints_arrive_in_order_once_the_robot_listens(driven_space: Dr
             driver.write_setpoint(space.topic, values)
             await until(lambda values=values: space.heard()[-1:] == [values], "the setpoint")  # type: ignore[misc]
         assert [values for values in space.heard() if any(values)] == written
+        burst = [(number / 10, -number / 100) for number in range(30, 60)]
+        for values in burst:
+            driver.write_setpoint(space.topic, values)
+            await asyncio.sleep(0.01)
+        await until(lambda: space.heard()[-1:] == burst[-1:], "the last setpoint")
+        heard = [values for values in space.heard() if any(values)]
+        assert heard == sorted(set(heard))
         assert recorder.dropped(Drop.CONVERSION) == 0
 
 

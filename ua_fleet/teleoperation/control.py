@@ -180,8 +180,7 @@ class Control:
             if not self._go(now):
                 self._step_at = None
                 return self._ramp.values
-            stands = was_stopping or self._watch is None
-            if stands and not self._is_stopping:  # each zero is written, however late
+            if not self._is_stopping and (was_stopping or self._watch is None):  # each zero is written, however late
                 step_at = max(step_at, now + self.model.period_s)
         self._step_at = step_at
         return self._ramp.values

@@ -10,7 +10,7 @@
 
 Once a stop has begun it goes to its end: the setpoints of a new lease are taken, and followed from zero on. So two who
 command never mix, and the time of a stop does not depend on who comes next. The zero at its end is always written, and
-for a period: a step that is late catches up no further than that.
+for a period: a step that is late catches up no further than that. So is the one with which a lease begins.
 
 The process may stand for a while (SIGSTOP, a debugger, a machine without a core to spare). The output then goes on
 along its profile by as many periods as went by, and what has become too old meanwhile has stopped it. Where it stood
@@ -51,6 +51,8 @@ class Control:
         self._watch: Watch | None = None
         self._ramp = Ramp([limits for _, limits in model.axes], model.period_s)
         self._is_stopping = False
+        self._is_beginning = False
+        """Whether the zero is still to be written before which a robot that has stopped by itself does not follow."""
         self._zeros = 0
         """How often zero is still to be written."""
         self._step_at: float | None = None
@@ -124,7 +126,7 @@ class Control:
             self._stop()
         self._watch = Watch(lease.number, len(self.model.axes), self._echoes)
         if self._step_at is None:
-            self._step_at = now
+            self._step_at, self._is_beginning = now, True
         self._publish_at = now  # others see it at once
         return Granted(lease.number, self._echoes.count(now), taken_from, self.model)
 
@@ -176,11 +178,11 @@ class Control:
             return None
         while now >= step_at:
             step_at += self.model.period_s
-            was_stopping = self._is_stopping
+            must_write = self._is_stopping or self._is_beginning or self._watch is None
             if not self._go(now):
                 self._step_at = None
                 return self._ramp.values
-            if not self._is_stopping and (was_stopping or self._watch is None):  # each zero is written, however late
+            if must_write and not self._is_stopping:  # each of these zeros is written, however late
                 step_at = max(step_at, now + self.model.period_s)
         self._step_at = step_at
         return self._ramp.values
@@ -226,6 +228,8 @@ class Control:
             self._ramp.brake()
             if self._ramp.is_at_rest:
                 self._is_stopping, self._zeros, self._publish_at = False, ZEROS_AT_END, now
+        elif self._is_beginning:
+            self._is_beginning = False
         elif watch is not None:
             self._ramp.follow(watch.values)
         else:
@@ -242,4 +246,4 @@ class Control:
         self._stop()
 
     def _stop(self) -> None:
-        self._is_stopping = True
+        self._is_stopping, self._is_beginning = True, False

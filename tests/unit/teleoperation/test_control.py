@@ -181,6 +181,18 @@ def test_the_zero_between_two_who_drive_is_written_when_the_bridge_was_late(late
     assert went >= stood + PERIOD_S - 1e-9
 
 
+@pytest.mark.parametrize("late_s", [0.0, PERIOD_S / 2, 3 * PERIOD_S])
+def test_a_lease_begins_with_a_zero_however_soon_a_setpoint_comes(late_s: float) -> None:
+    """A robot whose own watch has stopped it follows nothing before that."""
+    one = Drive()
+    one.acquire()
+    assert one.send(0.4, 0.0) is None
+    one.now += late_s
+    assert one.robot.step(one.now) == (0.0, 0.0)
+    one.wait(PERIOD_S)
+    assert one.last[0] > 0.0
+
+
 def test_the_same_session_acquires_again_without_taking_over() -> None:
     one = Drive()
     assert (one.acquire(), one.acquire()) == (1, 2)

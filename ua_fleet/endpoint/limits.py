@@ -44,7 +44,9 @@ class EndpointLimits:
     """References in one BrowseResult; the rest waits at a continuation point."""
     browse_path_elements: int = 100
     handshake_s: float = 5.0
-    """Time for each step of a connection: Hello and OpenSecureChannel, CreateSession, ActivateSession."""
+    """Time of the client for each step of a connection: Hello and OpenSecureChannel, CreateSession, ActivateSession."""
+    own_work_s: float = 30.0
+    """Time of the server for a connection that has no user yet: that of the client does not run meanwhile."""
     requests_before_authentication: int = 100
     """Requests of a connection that is not authenticated; discovery and a login take fewer than ten."""
     stalled_s: float = 30.0

@@ -124,6 +124,11 @@ class Processor:
         self._place: tuple[User, TurnPlace] | None = None
         """Of the user who has asked last."""
         self._deadline = connection.opened_at + context.limits.handshake_s
+        """When the client has to be a step further, as long as the server does not work for it."""
+        self._own_work_s = 0.0
+        """What the requests of this step took to serve."""
+        self._working_since: float | None = None
+        """When the server began to serve such a request, while it does."""
 
     @property
     def writable(self) -> bool:
@@ -195,15 +200,21 @@ class Processor:
     def overdue(self, now: float) -> str:
         """Why the connection has to be cut off now; empty when it does not."""
         stalled = self._connection.stalled_since
-        if self.stage is not Stage.AUTHENTICATED and now > self._deadline:
+        if self.stage is not Stage.AUTHENTICATED and now > self._deadline + (own_s := self._own_work_until(now)):
             self._context.statistics.handshake_timeouts += 1
-            return f"no progress beyond {self.stage.name.lower()} in {self._context.limits.handshake_s:g} s"
+            beside = f" and {own_s:.1f} s of the server's work" if own_s > 1 else ""
+            return f"no progress beyond {self.stage.name.lower()} in {self._context.limits.handshake_s:g} s{beside}"
         limits, contended = self._context.limits, self._turns is not None and self._turns.contended
         if stalled is not None and now - stalled > (limits.contended_s if contended else limits.stalled_s):
             return "the client does not read its responses"
         if now > self._channel.expires_at:
             return "the secure channel was not renewed"
         return ""
+
+    def _own_work_until(self, now: float) -> float:
+        """Seconds of this step that the server took: a busy one checks a password for seconds, while the client waits."""
+        working_s = now - self._working_since if self._working_since is not None else 0.0
+        return min(self._own_work_s + working_s, self._context.limits.own_work_s)
 
     def cut_off(self, reason: str, status_name: str = "BadTimeout") -> None:
         """Close the connection at once, with a line in the audit log."""
@@ -219,8 +230,14 @@ class Processor:
         """A step is done; the next one has its own time. Doing a step again gives no more time."""
         if stage > self.stage:
             self.stage = stage
-            self._deadline = time.monotonic() + self._context.limits.handshake_s
+            self._begin_step()
             self._channel.authenticated = stage is Stage.AUTHENTICATED
+
+    def _begin_step(self) -> None:
+        now = time.monotonic()
+        self._deadline, self._own_work_s = now + self._context.limits.handshake_s, 0.0
+        if self._working_since is not None:
+            self._working_since = now
 
     def fall_back(self) -> None:
         """Without a session what may be sent is as before authentication, and the time runs again.
@@ -230,7 +247,7 @@ class Processor:
         """
         if self.stage is Stage.AUTHENTICATED and not any(s.active for s in self._services.sessions.on(self)):
             self.stage = Stage.OPENED
-            self._deadline = time.monotonic() + self._context.limits.handshake_s
+            self._begin_step()
             self._channel.authenticated = False
 
     def process_opening(self, frame: bytes) -> None:
@@ -330,9 +347,13 @@ class Processor:
             head = decode_request_head(body)
         except (RemoteWireError, Refusal) as error:
             raise FrameError(StatusCodes.BadDecodingError, f"a request header: {error}") from error
+        self._working_since = time.monotonic() if self.stage is not Stage.AUTHENTICATED else None
         try:
             await self._answer(head, message.body, body, message.request_id)
         finally:
+            if self._working_since is not None:
+                self._own_work_s += time.monotonic() - self._working_since
+                self._working_since = None
             turns = self._turns
             try:
                 if turns is not None and turns.is_large:

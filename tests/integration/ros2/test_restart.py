@@ -90,13 +90,14 @@ def test_a_bridge_that_is_kept_waiting_publishes_for_late_subscribers_as_one_who
     listener = "listener.py", FOREIGN.name, "std_msgs/Int32", "--meet", "ua_bridge"
     early = ros2.node(*listener)
     late = ros2.node(*listener, "--transient-local", "--name", "late")
-    assert bridge.wait_for("participants") == f"participants {min(waits + 1, 5)}"
+    needed = int(bridge.wait_for("participants").split()[1])
+    assert min(waits + 1, 5) <= needed <= 5, "a busy machine may keep it waiting once more"
     for child in (early, late):
         child.wait_for("data=8")
     late.wait_for("data=7")
-    if waits < 5:
-        assert numbers(heard(early)) == [8]
-    assert any("may be heard twice" in line for line in bridge.lines) == (waits == 5)
+    is_told = any("may be heard twice" in line for line in bridge.lines)
+    assert is_told if waits == 5 else not is_told or needed == 5
+    assert is_told or numbers(heard(early)) == [8]
 
 
 async def test_latched_source_is_not_sent_again_as_new_by_a_restarted_bridge(ros2: Ros2Space) -> None:

@@ -193,7 +193,7 @@ async def test_a_timeout_while_the_password_is_checked_is_told_once(
 ) -> None:
     """It was told and counted at every tick until the check was done."""
     done = threading.Event()
-    async with door(tmp_path, identities, limits={"handshake_s": 0.2}) as short:
+    async with door(tmp_path, identities, limits={"handshake_s": 0.2, "own_work_s": 0.2}) as short:
         verify = short.users.verify
 
         def slow_verify(name: str, password: str) -> User | None:
@@ -210,3 +210,27 @@ async def test_a_timeout_while_the_password_is_checked_is_told_once(
         assert await connecting == "closed"
         assert short.server.statistics.handshake_timeouts == 1
         assert [line["status"] for line in short.audit()].count("BadTimeout") == 1
+
+
+async def test_the_time_of_a_client_does_not_run_while_the_server_works(
+    tmp_path: Path, identities: Identities, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a password waited for a core for more than 5 s, the login was cut off as if the client had been silent."""
+    begun, done = threading.Event(), threading.Event()
+    async with door(tmp_path, identities, limits={"handshake_s": 0.2}) as short:
+        verify = short.users.verify
+
+        def slow_verify(name: str, password: str) -> User | None:
+            begun.set()
+            done.wait(20)
+            return verify(name, password)
+
+        monkeypatch.setattr(short.users, "verify", slow_verify)
+        client = await short.client()
+        connecting = asyncio.ensure_future(client.connect())
+        await until(begun.is_set)
+        await asyncio.sleep(5 * 0.2)
+        done.set()
+        await connecting
+        assert short.server.statistics.handshake_timeouts == 0
+        await client.disconnect()

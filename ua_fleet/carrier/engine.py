@@ -194,6 +194,7 @@ class SegmentEngine:
         self._to_own: deque[bytes] = deque()
         """What the bridge's own robots are asked at the end of this turn, with the same sync; else in the next one."""
         self._is_in_turn = False
+        self._after_turn: list[Callable[[], None]] = []
         self._next_tick = 0.0
         wall_s = steady(ground.loop.time, lambda: (ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND)
         self.wall_s = wall_s
@@ -471,6 +472,13 @@ class SegmentEngine:
         else:
             self._ends.append(_end_of(record))
 
+    def after_turn(self, do: Callable[[], None]) -> None:
+        """Do something, once, as soon as the turn is over and synced; outside of one in the next turn of the loop."""
+        if not self._is_in_turn:
+            self._ground.loop.call_soon(do)
+        elif do not in self._after_turn:
+            self._after_turn.append(do)
+
     @contextmanager
     def turn(self) -> Generator[None]:
         """Have what happens within synced once, with the ends of segments and the requests to own robots that follow.
@@ -481,17 +489,23 @@ class SegmentEngine:
             yield
             return
         ends: list[SegmentEnd] = []
-        with self._records.one_sync():
-            self._ends, self._is_in_turn = ends, True
-            try:
-                yield
-            finally:
-                self._ends = None
-                for end in ends:
-                    with self._ground.mistakes.guard("carried runs", run_id=end.run_id):
-                        self._ended(end)
-                self._ask_own()
-                self._is_in_turn = False
+        try:
+            with self._records.one_sync():
+                self._ends, self._is_in_turn = ends, True
+                try:
+                    yield
+                finally:
+                    self._ends = None
+                    for end in ends:
+                        with self._ground.mistakes.guard("carried runs", run_id=end.run_id):
+                            self._ended(end)
+                    self._ask_own()
+                    self._is_in_turn = False
+        finally:
+            after, self._after_turn = self._after_turn, []
+            for do in after:
+                with self._ground.mistakes.guard("carried runs"):
+                    do()
 
     # Time.
 

@@ -399,7 +399,10 @@ class _Carrier:
             self._carry_out(list(effects), self._ground.loop.time())
         except StorageUnavailable as error:
             self._holder.put_off(str(error), self._wall_s())
-        self._ground.loop.call_soon(self._send_out)
+        if self._engine is None:
+            self._ground.loop.call_soon(self._send_out)
+        else:
+            self._engine.after_turn(self._send_out)
 
     def _carry_out(self, effects: list[Carry], now: float) -> None:
         if self._engine is None and effects:

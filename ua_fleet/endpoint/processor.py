@@ -212,7 +212,7 @@ class Processor:
         return ""
 
     def _own_work_until(self, now: float) -> float:
-        """Seconds of this step that the server took: a busy one checks a password for seconds, while the client waits."""
+        """Seconds of this step that the server took: a busy one may check a password for seconds."""
         working_s = now - self._working_since if self._working_since is not None else 0.0
         return min(self._own_work_s + working_s, self._context.limits.own_work_s)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import sys
 from collections.abc import Iterable, Mapping
@@ -64,7 +65,6 @@ class RunRecord:
 
     def __init__(self, run_id: str) -> None:
         self.run_id = run_id
-        self.scenario = ""
         self.text = ""
         """The scenario as it was read when the run began."""
         self.started = 0.0
@@ -101,7 +101,6 @@ class RunRecord:
             case RunCreated():
                 self.started = fact.at
                 self.text = sys.intern(fact.text)  # runs of one scenario share it
-                self.scenario = read_scenario(fact.text.encode()).scenario.name
             case RunEnded():
                 self.ended = fact.at
             case TaskAssigned():
@@ -144,6 +143,11 @@ class RunRecord:
     def show_bridges(self, bridges: Mapping[int, BridgeTold]) -> None:
         """Know how the bridges stand that carry it."""
         self._bridges_told = bridges
+
+    @functools.cached_property
+    def scenario(self) -> str:
+        """The name of the scenario. A segment of a carried run has none, and is not read for it."""
+        return read_scenario(self.text.encode()).scenario.name
 
     @property
     def bridges(self) -> dict[int, BridgeTold]:

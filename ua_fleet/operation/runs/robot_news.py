@@ -92,6 +92,8 @@ class RobotNews:
         whether what it shows is to be taken in."""
         self._plain: set[NodeId] = set()
         """Nodes whose values conditions may be about, and that say nothing else of robots or bridges."""
+        self._others: set[NodeId] = set()
+        """Nodes that no run is about, such as what bridges count."""
         self._news_at: float | None = None
         self._taken_at = -inf
         """When news were taken in last."""
@@ -112,6 +114,7 @@ class RobotNews:
     def add(self, robot: RobotModel, *, is_heard: bool) -> None:
         """A robot has come."""
         self._plain.clear()
+        self._others.clear()
         self._values.add(robot)
         self.finder.add(robot)
         if is_heard:
@@ -123,6 +126,7 @@ class RobotNews:
     def remove(self, robot: RobotModel) -> None:
         """A robot that no run uses is gone; its faults are over."""
         self._plain.clear()
+        self._others.clear()
         self._values.remove(robot)
         self.finder.remove(robot)
         self._look_at_fleet()  # before it could be given to a task
@@ -147,6 +151,8 @@ class RobotNews:
         if change.key in self._plain:
             if self._values.change(change):
                 self._look_again(is_urgent=change.type == BuiltinType.BOOLEAN)
+        elif change.key in self._others:
+            return
         elif (bridge := self._bridges.comes_or_goes(change)) is not None:
             self._tell_of_bridge(bridge)
         elif (link := self._bridges.linked(change)) is not None:
@@ -156,6 +162,8 @@ class RobotNews:
         elif self._values.change(change):
             self._plain.add(change.key)
             self._look_again(is_urgent=change.type == BuiltinType.BOOLEAN)
+        else:
+            self._others.add(change.key)
 
     def published(self, topic: Topic, types: Sequence[int], values: Sequence[object]) -> None:
         """Data of the server itself, which clients write, has been sent to robots."""

@@ -94,7 +94,7 @@ def measured(robots: int, rounds: int) -> tuple[_Cost, _Cost, _Cost]:
         write_fleet(folder / "fleet.yaml", robots)
         commands: list[list[str | Path]] = [
             [sys.executable, "-m", "ua_fleet.cli", "serve"],
-            [sys.executable, _FLOOR, str(robots), str(VALUES)],
+            [sys.executable, "-P", _FLOOR, str(robots), str(VALUES)],  # `json` is a module beside it
             [sys.executable, "-c", _IMPORTS],
         ]
         for command in commands:

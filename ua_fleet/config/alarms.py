@@ -23,6 +23,8 @@ def alarm_of(field: FieldConfig) -> AlarmConfig | None:
 
 def alarms_of(data: DataSetConfig) -> Iterator[tuple[KeyPath, str, FieldConfig, AlarmConfig]]:
     """The fields of a data source with alarms: where the alarm stands below it, the field, and the alarm."""
+    if not data.fields and data.limits is None and data.normal is None:
+        return  # as of nearly all
     for name, field in data.all_fields().items():
         if (alarm := alarm_of(field)) is not None:
             key = "limits" if field.limits is not None else "normal"
@@ -31,8 +33,9 @@ def alarms_of(data: DataSetConfig) -> Iterator[tuple[KeyPath, str, FieldConfig, 
 
 def check_alarms(parts: Parts) -> None:
     """Note alarms that take away what their robot does not have."""
+    able_robots = capacities_of(parts)
     for (robot, name), data in parts.data.items():
-        able = capacities_of(parts, robot)
+        able = able_robots.get(robot, set())
         for path, _, _, alarm in alarms_of(data):
             if isinstance(alarm.fault, bool):
                 continue

@@ -16,7 +16,8 @@ def settings_with_units(config: FleetConfig) -> ResilienceSettings:
     """How replacements are chosen. A criterion of values that have several units has none, as long as it says none."""
     settings = config.resilience.settings()
     units: dict[str, set[str]] = {}
-    for robot in config.robots.values():
+    is_needed = any(map(_names, [source for _, source in settings.criteria]))
+    for robot in config.robots.values() if is_needed else ():
         for data, data_set in robot.data.items():
             for field_name, field in data_set.all_fields().items():
                 units.setdefault(value_name(data, field_name), set()).add(field.unit or "")
@@ -29,15 +30,19 @@ def settings_with_units(config: FleetConfig) -> ResilienceSettings:
     )
 
 
-def _common(source: CriterionSource, units: dict[str, set[str]]) -> str:
+def _names(source: CriterionSource) -> list[str]:
+    """The values that a criterion is made of."""
     match source:
         case ValueOf(name):
-            names = [name]
+            return [name]
         case DistanceFrom():
-            names = [source.x, source.y]
+            return [source.x, source.y]
         case TasksAhead():
-            names = []
+            return []
         case _:
             assert_never(source)
-    found = {unit for name in names for unit in units.get(split_index(name)[0], ())}
+
+
+def _common(source: CriterionSource, units: dict[str, set[str]]) -> str:
+    found = {unit for name in _names(source) for unit in units.get(split_index(name)[0], ())}
     return found.pop() if len(found) == 1 else ""

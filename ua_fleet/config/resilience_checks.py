@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from ua_fleet.config.parts import Parts
@@ -77,8 +77,9 @@ def check_resilience(parts: Parts) -> None:
         if parts.robots:
             _check_named(parts, (*path, "capacities"), "no robot has the capacity", criterion.capacities, capacities)
             _check_named(parts, (*path, "skills"), "no robot has the skill", criterion.skills, skills)
+    able = capacities_of(parts)
     for name, fault in resilience.faults.items():
-        _check_fault(parts, values, (*_PATH, "faults", name), name, fault)
+        _check_fault(parts, values, able, (*_PATH, "faults", name), name, fault)
     if is_whole:
         try:
             resilience.settings()
@@ -114,12 +115,15 @@ def _check_criterion(parts: Parts, values: _Values, path: KeyPath, criterion: Cr
         parts.document.problem((*path, "distance", there), text, f"add `{missing}`, or remove it")
 
 
-def capacities_of(parts: Parts, name: str) -> set[str]:
-    """What a robot can do, always or while its data is there."""
-    robot = parts.robots.get(name)
-    givers = {giver for giver, each in parts.robots.items() if name in (giver, each.mounted_on)}
-    given = {each for (giver, _), data_set in parts.data.items() if giver in givers for each in data_set.gives}
-    return given if robot is None else {*robot.capacities, *given}
+def capacities_of(parts: Parts) -> dict[str, set[str]]:
+    """What each robot can do, always or while its data is there, or that of what is mounted on it."""
+    able = {name: set(robot.capacities) for name, robot in parts.robots.items()}
+    for (giver, _), data in parts.data.items():
+        robot = parts.robots.get(giver)
+        for name in (giver, robot.mounted_on if robot is not None else None):
+            if name is not None and data.gives:
+                able.setdefault(name, set()).update(data.gives)
+    return able
 
 
 def _check_named(parts: Parts, path: KeyPath, problem: str, names: Iterable[str], known: set[str]) -> None:
@@ -129,7 +133,14 @@ def _check_named(parts: Parts, path: KeyPath, problem: str, names: Iterable[str]
             parts.document.problem((*path, position), f"{problem} `{name}`", hint)
 
 
-def _check_fault(parts: Parts, values: _Values, path: KeyPath, name: str, fault: FaultConditionConfig) -> None:
+def _check_fault(
+    parts: Parts,
+    values: _Values,
+    all_able: Mapping[str, set[str]],
+    path: KeyPath,
+    name: str,
+    fault: FaultConditionConfig,
+) -> None:
     if name in RESERVED_SOURCES:
         parts.document.problem(path, f"`{name}` is found by the program itself", "choose another name")
     for position, robot in enumerate(fault.robots):
@@ -137,7 +148,7 @@ def _check_fault(parts: Parts, values: _Values, path: KeyPath, name: str, fault:
             hint = closest(robot, values.robots) or f"robots: {listed(values.robots) or 'none'}"
             parts.document.problem((*path, "robots", position), f"there is no robot `{robot}`", hint)
         else:
-            able = capacities_of(parts, robot)
+            able = all_able.get(robot, set())
             for at, capacity in enumerate(fault.capacities):
                 if capacity not in able:
                     hint = closest(capacity, able) or f"it has: {listed(sorted(able)) or 'none'}"

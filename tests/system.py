@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import functools
 import importlib.util
@@ -222,6 +223,7 @@ def _claimed_block() -> tuple[socket.socket, Iterator[int]]:
         except OSError:
             lock.close()
             continue
+        atexit.register(lock.close)
         return lock, iter(range(first, min(first + _BLOCK, _PORTS.stop)))
     raise RuntimeError(f"all ports from {_PORTS[0]} to {_PORTS[-1]} are other tests', or were given out")
 

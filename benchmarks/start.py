@@ -54,6 +54,11 @@ def write_fleet(path: Path, robots: int) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def floor_command(robots: int) -> list[str | Path]:
+    """What starts the floor; not with its own folder first, where a module has the name of the library's `json`."""
+    return [sys.executable, "-P", _FLOOR, str(robots), str(VALUES)]
+
+
 @contextlib.contextmanager
 def _running(command: Sequence[str | Path], folder: Path) -> Generator[subprocess.Popen[str]]:
     env = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
@@ -94,7 +99,7 @@ def measured(robots: int, rounds: int) -> tuple[_Cost, _Cost, _Cost]:
         write_fleet(folder / "fleet.yaml", robots)
         commands: list[list[str | Path]] = [
             [sys.executable, "-m", "ua_fleet.cli", "serve"],
-            [sys.executable, "-P", _FLOOR, str(robots), str(VALUES)],  # `json` is a module beside it
+            floor_command(robots),
             [sys.executable, "-c", _IMPORTS],
         ]
         for command in commands:

@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from benchmarks import start
 from benchmarks._ros import median_and_p99, running_node
 from benchmarks.harness import Failed
 
@@ -23,3 +24,9 @@ def test_nothing_measured_is_a_failure() -> None:
     assert median_and_p99([3.0, 1.0, 2.0]) == (2.0, 3.0)
     with pytest.raises(Failed, match="nothing arrived"):
         median_and_p99([])
+
+
+def test_the_floor_of_the_start_serves() -> None:
+    """It ended at once: `benchmarks/json.py` was taken for the library's module."""
+    with running_node(*start.floor_command(1), env=os.environ) as node:
+        assert node.ready == "ready"

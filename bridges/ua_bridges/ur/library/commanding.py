@@ -24,8 +24,13 @@ from typing import Any, Final
 from ua_bridges.ur.library.lines import bound_memory, end_with_parent, open_output
 
 _DASHBOARD_TIMEOUT_MS: Final = 2000
-_REFUSALS: Final = re.compile(r"(failed|could not|cannot|file not found|error|invalid|unable)", re.IGNORECASE)
-"""What refusals of the dashboard server begin with: the library raises the same for these and for a lost connection."""
+_REFUSALS: Final = re.compile(
+    r"(unlock protective stop failure: )?(failed|could not|cannot|file not found|error|invalid|unable)", re.IGNORECASE
+)
+"""What refusals of the dashboard server begin with: the library raises the same for these and for a lost connection.
+
+Before that of an unlock it says what failed.
+"""
 _DESCRIPTORS: Final = resource.getrlimit(resource.RLIMIT_NOFILE)
 
 

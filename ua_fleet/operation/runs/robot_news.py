@@ -90,10 +90,9 @@ class RobotNews:
         self._moved: dict[Topic, bool] = {}
         """Likewise each SkillStatus that says something else of what its robot is at, or says nothing any more; and
         whether what it shows is to be taken in."""
-        self._plain: set[NodeId] = set()
-        """Nodes whose values conditions may be about, and that say nothing else of robots or bridges."""
-        self._others: set[NodeId] = set()
-        """Nodes that no run is about, such as what bridges count."""
+        self._plain: dict[NodeId, bool] = {}
+        """Nodes that say nothing else of robots or bridges: whether conditions may be about their values. They are not
+        about what bridges count, for example."""
         self._news_at: float | None = None
         self._taken_at = -inf
         """When news were taken in last."""
@@ -114,7 +113,6 @@ class RobotNews:
     def add(self, robot: RobotModel, *, is_heard: bool) -> None:
         """A robot has come."""
         self._plain.clear()
-        self._others.clear()
         self._values.add(robot)
         self.finder.add(robot)
         if is_heard:
@@ -126,7 +124,6 @@ class RobotNews:
     def remove(self, robot: RobotModel) -> None:
         """A robot that no run uses is gone; its faults are over."""
         self._plain.clear()
-        self._others.clear()
         self._values.remove(robot)
         self.finder.remove(robot)
         self._look_at_fleet()  # before it could be given to a task
@@ -148,22 +145,19 @@ class RobotNews:
 
     def value_changed(self, change: ValueChanged) -> None:
         """A node of the fleet has another value or status."""
-        if change.key in self._plain:
-            if self._values.change(change):
+        if (is_used := self._plain.get(change.key)) is not None:
+            if is_used and self._values.change(change):
                 self._look_again(is_urgent=change.type == BuiltinType.BOOLEAN)
-        elif change.key in self._others:
-            return
         elif (bridge := self._bridges.comes_or_goes(change)) is not None:
             self._tell_of_bridge(bridge)
         elif (link := self._bridges.linked(change)) is not None:
             self._take_link(*link)
         elif self.finder.knows(change):
             self._tell_soon(self.finder.changed(change))
-        elif self._values.change(change):
-            self._plain.add(change.key)
-            self._look_again(is_urgent=change.type == BuiltinType.BOOLEAN)
         else:
-            self._others.add(change.key)
+            self._plain[change.key] = is_used = self._values.change(change)
+            if is_used:
+                self._look_again(is_urgent=change.type == BuiltinType.BOOLEAN)
 
     def published(self, topic: Topic, types: Sequence[int], values: Sequence[object]) -> None:
         """Data of the server itself, which clients write, has been sent to robots."""

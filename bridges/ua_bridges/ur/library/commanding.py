@@ -29,7 +29,7 @@ _REFUSALS: Final = re.compile(
 )
 """What refusals of the dashboard server begin with: the library raises the same for these and for a lost connection.
 
-Before that of an unlock it says what failed.
+Before the refusal of an unlock it puts words of its own.
 """
 _DESCRIPTORS: Final = resource.getrlimit(resource.RLIMIT_NOFILE)
 

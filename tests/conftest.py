@@ -16,6 +16,7 @@ import pytest
 import structlog
 
 from tests import command_tree, crashes, known_keys, system
+from tests.fresh_modules import FreshModules
 from tests.postgres import Postgres
 
 try:
@@ -90,6 +91,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput"):
         gc.disable()
     crashes.ask_less(config)
+    config.pluginmanager.register(FreshModules())
     if config.getoption("--computing"):
         from tests import computing
 

@@ -114,8 +114,7 @@ async def slow(tmp_path: Path) -> AsyncGenerator[Machine]:
 
 def read_before(machine: Machine, number: int) -> None:
     """The program begins what it has read before it was taken back."""
-    machine.plc.do("put", table="holding", address=100, type="uint16", values=[number])
-    machine.plc.do("run")
+    machine.plc.do("run", having_read=number)
 
 
 async def test_whether_a_slow_program_has_read_it_nobody_knows(slow: Machine) -> None:

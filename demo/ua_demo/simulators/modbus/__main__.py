@@ -10,6 +10,7 @@ command as JSON, and is answered with `{"done": true}`:
     {"do": "cells", "table": "holding", "address": 7, "count": 2}            answers {"done": true, "cells": [..]}
     {"do": "listen"}  {"do": "hang up"}                                      be there, or not
     {"do": "run"}  {"do": "stop"}                                            the program
+    {"do": "run", "having_read": 1}                the same; it had read that request before it stood still
     {"do": "clear"}                                                          all memory, as when the power was off
 
 It ends with the end of its input, or with a signal; with --stay it does not look at its input.
@@ -103,6 +104,11 @@ class Plc:
                 self._program.cycle(time.monotonic())
             await asyncio.sleep(CYCLE_S)
 
+    def _begin(self, number: int) -> None:
+        """Have the program begin a request that was taken back, before anybody can take it back again."""
+        self._memory.put(HandshakeLayout(BASE).request, number)
+        self._program.cycle(time.monotonic())
+
     async def obey(self, line: str) -> None:
         """Do a command, and answer."""
         command: dict[str, Any] = json.loads(line)
@@ -119,6 +125,8 @@ class Plc:
                 await self.hang_up()
             case "run" | "stop" as do:
                 self._runs = do == "run"
+                if number := command.get("having_read"):
+                    self._begin(number)
             case "clear":
                 for table in Table:
                     empty = AddressSpan(table, 0, self._memory.size)

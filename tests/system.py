@@ -32,7 +32,8 @@ def _imports(python: str | Path, module: str) -> str | None:
     if not Path(python).exists():
         return f"{Path(python).relative_to(ROOT)} does not exist; run: make setup"
     run = subprocess.run([python, "-c", f"import {module}"], capture_output=True, text=True, check=False)
-    return None if run.returncode == 0 else run.stderr.strip().splitlines()[-1]
+    said = run.stderr.strip().splitlines() or [f"importing {module} ended with {run.returncode}"]
+    return None if run.returncode == 0 else said[-1]
 
 
 def _ros1() -> str | None:

@@ -211,10 +211,14 @@ class Bridge:
         self.core.from_pubsub(sent.datagram, now=self._clock(), sender=("127.0.0.1", sent.space))
         self.go_on()
 
-    def end_task(self) -> None:
-        """Its robot is done."""
+    def tell_end(self) -> None:
+        """Its robot is done; what follows from it is the loop's."""
         ended = ExecutionEnded(self.robot.begun[-1])
         self.core.from_space(ended, now=self._clock(), wall_ticks=self.wall_ticks())
+
+    def end_task(self) -> None:
+        """Its robot is done."""
+        self.tell_end()
         self.go_on()
 
     def poll(self) -> None:
@@ -320,6 +324,15 @@ def test_a_hand_over_costs_three_syncs_and_nothing_leaves_before_its_own(tmp_pat
     assert at["cell: token sent"] == 2, "that the robot is done; the end of the step and of its segment"
     assert at["hall: robot called"] == 3, "the token, the step, its request and its execution are on the disk at once"
     assert early == set()
+
+
+def test_a_token_leaves_in_the_turn_that_has_synced_it(tmp_path: Path) -> None:
+    with world_in(tmp_path) as world:
+        world.until(lambda: world.cell.robot.begun)
+        world.cell.tell_end()
+        world.cell.loop.call_soon(world.noted.append, "what the loop does next")
+        world.cell.go_on()
+        assert world.noted.index("cell: token sent") < world.noted.index("what the loop does next")
 
 
 def test_a_robot_that_is_called_before_the_sync_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,12 +9,13 @@ from ua_fleet.operation.log import Log
 from ua_fleet.operation.runs.finding import FaultFinder
 from ua_fleet.operation.runs.library import Checked
 from ua_fleet.operation.runs.records import RunRecord
-from ua_fleet.orchestrator import Fault, Orchestrator, Output
+from ua_fleet.orchestrator import Fault, Halt, HaltChanged, Orchestrator, Output
+from ua_fleet.orchestrator.restoring import halts_of
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, RunOutcome
 from ua_fleet.storage.run_journal import RunJournal
 
-__all__ = ["JournaledRuns", "restore_faults", "runs_of_journal", "scenario_to_go_on"]
+__all__ = ["JournaledRuns", "parted_halts", "restore_faults", "runs_of_journal", "scenario_to_go_on"]
 
 
 class JournaledRuns(NamedTuple):
@@ -46,6 +47,8 @@ def runs_of_journal(journal: RunJournal, check: Callable[[str], Checked], *, log
             if scenario is not None:
                 found.going_on.append((run_id, scenario, facts))
         found.records.append(record)
+    if found.going_on:
+        log.info("runs go on", runs=len(found.going_on))
     return found
 
 
@@ -60,11 +63,13 @@ def scenario_to_go_on(
 ) -> Scenario | None:
     """The scenario of a run that goes on; None after ending a run that no longer fits the fleet.
 
+    What robots may be at for such a run they are to stop, as the journal says then.
+
     Args:
         record: of the run; takes its end in.
         facts: of the run.
         check: a scenario's text against the fleet as it is now.
-        journal: its end is written there.
+        journal: its end and the halts are written there.
         log: is told of its end.
         now: wall time in seconds.
 
@@ -78,9 +83,21 @@ def scenario_to_go_on(
     reason = f"it does not fit the fleet any more: {checked.problems[0]}"
     ended = RunEnded(now, RunOutcome.FAILED, reason)
     log.error("run cannot go on after the restart", run_id=record.run_id, reason=reason)
-    journal.write([(record.run_id, ended)])
+    halts = [HaltChanged(halt, is_owed=True) for halt in halts_of(facts, now)]
+    journal.write([(record.run_id, ended)], halts=halts)
     record.apply(ended)
     return None
+
+
+def parted_halts(halts: Iterable[Halt], robots: Container[str]) -> tuple[list[Halt], list[str]]:
+    """The halts of robots that are there; the executions of the others, which must not begin any more either."""
+    known, gone = list[Halt](), list[str]()
+    for halt in halts:
+        if halt.robot in robots:
+            known.append(halt)
+        else:
+            gone.append(halt.execution_id)
+    return known, gone
 
 
 def restore_faults(

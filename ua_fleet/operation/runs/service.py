@@ -31,7 +31,7 @@ from ua_fleet.operation.runs.library import (
 from ua_fleet.operation.runs.operator_decisions import OperatorDecisions
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.requests import TaskRequests
-from ua_fleet.operation.runs.restart import restore_faults, runs_of_journal
+from ua_fleet.operation.runs.restart import parted_halts, restore_faults, runs_of_journal
 from ua_fleet.operation.runs.robot_news import RobotNews
 from ua_fleet.operation.runs.run_commands import RunCommands
 from ua_fleet.operation.runs.task_calls import Requests
@@ -174,6 +174,7 @@ class ScenarioService:
         self.carried: list[RunRecord] = []
         """Runs of the journal that bridges carry, and that have not ended."""
         self.untold: list[RunRecord] = []
+        self._gone: list[str] = []  # executions that robots were to stop which have left the fleet
         """Those that have ended without bridges that were off, which are to know it."""
         # What the core of the server says of robots goes there at once.
         self.value_changed, self.published, self.fleet_changed = news.value_changed, news.published, news.fleet_changed
@@ -245,16 +246,14 @@ class ScenarioService:
         outputs += self._orchestrator.not_heard(self._robots, now)
         self._orchestrator.restore_judgements(self._judgements.restored(self.settings, found.going_on_ids))
         self.holds.restore(self._journal.holds(), self._robots)
-        halts = [halt for halt in self._journal.halts() if halt.robot in self._robots]
+        halts, self._gone = parted_halts(self._journal.halts(), self._robots)
         outputs += self._orchestrator.restore_all(found.going_on, now, halts)
-        if found.going_on:
-            self._log.info("runs go on", runs=len(found.going_on))
         self._carrier.hold(outputs)
         return found.records
 
     def must_not_begin(self) -> list[bytes]:
         """Executions that were asked for before a restart and must not begin any more: see the orchestrator."""
-        return [bytes.fromhex(execution_id) for execution_id in self._orchestrator.must_not_begin()]
+        return [bytes.fromhex(one) for one in (*self._orchestrator.must_not_begin(), *self._gone)]
 
     def go_on(self) -> None:
         """Carry out what follows from `restore`; the records are shown."""

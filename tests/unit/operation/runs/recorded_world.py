@@ -9,7 +9,8 @@ from typing import cast
 
 import structlog
 
-from tests.unit.operation.runs.world import STATUS, FailingJournal, World
+from tests.unit.operation.runs.world import CONFIG, STATUS, FailingJournal, World
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.orchestrator import Output
 from ua_fleet.pubsub.events import ActionReceived
@@ -48,7 +49,14 @@ class Machines:
 
 
 class RecordedWorld(World):
-    def __init__(self, folder: Path, machines: Machines | None = None, *, is_announced: bool = True) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        machines: Machines | None = None,
+        *,
+        is_announced: bool = True,
+        config: FleetConfig = CONFIG,
+    ) -> None:
         self.file = ServerRecords(folder)
         self.machines = machines or Machines()
         self.output_s = 0.0
@@ -67,7 +75,9 @@ class RecordedWorld(World):
             clock=lambda: self.now,
             log=structlog.get_logger(),
         )
-        super().__init__(folder, requests=self.commands, journal=cast("FailingJournal", self.file.runs))
+        journal = cast("FailingJournal", self.file.runs)
+        heard = [robot for robot in ("left", "right") if robot in config.robots]
+        super().__init__(folder, requests=self.commands, journal=journal, config=config, heard=heard)
         if is_announced:
             self.announce()
 

@@ -1,4 +1,4 @@
-"""A run whose scenario no longer fits ends with the reason, in the journal and for people."""
+"""A run whose scenario no longer fits ends with the reason, in the journal and for people; its robots are to stop."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 import structlog
 
+from tests.unit.operation.runs.recorded_world import Machines, RecordedWorld
+from tests.unit.operation.runs.world import CONFIG
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ConfigError
 from ua_fleet.operation.runs.library import Checked
 from ua_fleet.operation.runs.records import RunRecord
@@ -15,6 +18,7 @@ from ua_fleet.operation.runs.restart import scenario_to_go_on
 from ua_fleet.scenario import read_scenario
 from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, RunOutcome
 from ua_fleet.storage.run_journal import RunJournal
+from ua_fleet.wire.actions import ActionMessage
 
 TEXT = "version: 1\nname: shift\nsteps:\n  - {task: weld, skill: weld, robot: arm}\n"
 CREATED = RunCreated(100.0, "r1", TEXT)
@@ -46,3 +50,58 @@ def test_a_run_goes_on_or_ends_with_the_reason(tmp_path: Path, problems: Sequenc
         assert scenario is None
         assert written == [RunEnded(200.0, RunOutcome.FAILED, reason)]
         assert record.ended == 200.0
+
+
+BOTH = """version: 1
+name: both
+steps:
+  - {task: first, skill: grab, robot: left, arguments: {angle: 5}}
+  - {task: second, skill: grab, robot: right, arguments: {angle: 5}}
+"""
+
+
+def without(robot: str, *entries: str) -> FleetConfig:
+    """The fleet after somebody has taken entries of a robot out of it, or the robot."""
+    raw = CONFIG.model_dump(mode="json", exclude_unset=True)
+    for entry in entries:
+        del raw["robots"][robot][entry]
+    if not entries:
+        del raw["robots"][robot]
+    return FleetConfig.model_validate(raw)
+
+
+class Away(Machines):
+    """Its bridge is away: no request arrives."""
+
+    def hear(self, message: ActionMessage) -> None: ...
+
+
+@pytest.mark.parametrize(
+    "changed", [without("right", "skills", "skill_status_id"), without("left")], ids=["other robot", "its robot"]
+)
+def test_a_robot_begins_nothing_of_a_run_that_has_ended(tmp_path: Path, changed: FleetConfig) -> None:
+    before = RecordedWorld(tmp_path, Away())
+    before.start(BOTH)
+    before.close()
+    world = RecordedWorld(tmp_path, config=changed)
+    assert world.records[-1].state.outcome is RunOutcome.FAILED
+    assert [message.timeout_hint_ms for message in world.asked()] == [0.0], "it is only asked what became of it"
+    assert world.machines.told == {}
+    world.respond(world.asked()[0])
+    assert [halt for halt in world.file.runs.halts() if halt.robot in changed.robots] == [], "it never began"
+    assert world.faults() == []
+    world.close()
+
+
+def test_a_robot_at_a_task_of_such_a_run_is_told_to_stop(tmp_path: Path) -> None:
+    machines = Machines()
+    before = RecordedWorld(tmp_path, machines)
+    before.start(BOTH)
+    before.respond(before.asked()[0])
+    before.close()
+    world = RecordedWorld(tmp_path, machines, config=without("right", "skills", "skill_status_id"))
+    (execution_id,) = machines.told
+    assert [halt.execution_id for halt in world.file.runs.halts()] == [execution_id.hex()]
+    world.pass_time(100)
+    assert "left.not_halted RAISED" in world.faults()
+    world.close()

@@ -69,6 +69,8 @@ __all__ = ["ActionRequestor", "Concluded", "Contradicted", "OutcomeCorrected", "
 
 REQUEST_ID: Final = 1
 """Unique within RequestorId and CorrelationData, as the specification wants it: each execution has its own of those."""
+_MOST_AHEAD_S: Final = 5.0
+"""So far issue times stay ahead of a clock that was set back: half of what responders take (`clock_tolerance_s`)."""
 _NO_ANSWER: Final = RequestOutcome(
     OutcomeKind.UNKNOWN,
     ExecutionReport(ExecutionState.UNKNOWN, StatusCode.BAD_NO_COMMUNICATION, "no answer came; see what the robot does"),
@@ -389,7 +391,9 @@ class ActionRequestor:
             raise SkillRejected(f"an execution id has {EXECUTION_ID_BYTES} bytes, not {len(execution_id)}")
         if timeout_ms <= 0:
             raise SkillRejected(f"a request needs a timeout of 1 ms at least, not {timeout_s} s")
-        self._last_issued = max(utc, self._last_issued + 1)
+        # No responder takes what is issued far ahead of its clock: issue times go back with ours where it was set back.
+        is_set_back = self._last_issued - utc > _MOST_AHEAD_S * TICKS_PER_SECOND
+        self._last_issued = utc if is_set_back else max(utc, self._last_issued + 1)
         return RecordedRequest(execution_id, target, arguments.content, self._last_issued, timeout_ms, version=version)
 
     def _ask(

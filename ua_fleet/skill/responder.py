@@ -31,7 +31,7 @@ is not remembered is answered with Unknown and never begun, for it may be one th
 how long a datagram can be on its way, or on clocks that agree.
 
 Clocks matter for lateness alone: issue time plus TimeoutHint, with a tolerance. A clock that differs by more than that
-has requests refused, with both times in the message, rather than begun late.
+has requests refused, with both times in the message, rather than begun late. To halt is never late or early.
 """
 
 from __future__ import annotations
@@ -44,7 +44,9 @@ from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, StorageUnavailable
 from ua_fleet.skill.exchanges import Exchanges, Respond, answer
 from ua_fleet.skill.executions import (
+    CONTROL_BITS,
     EXECUTION_ID_BYTES,
+    HALT_TARGETS,
     OPEN,
     ExecutionReport,
     ExecutionState,
@@ -279,7 +281,8 @@ class ActionResponder:
         if not effects:
             return []
         execution = self._executions[execution_id]
-        if utc <= execution.issued + execution.timeout_ms * (TICKS_PER_SECOND // 1000):
+        ahead_s = (execution.issued - utc) / TICKS_PER_SECOND
+        if -execution.timeout_ms / 1000 <= ahead_s <= self._limits.clock_tolerance_s:  # where no clock was set back
             self._to_begin.add(execution_id)
             return [*effects, Execute(execution)]
         self._executions[execution_id] = execution._replace(report=execution.report._replace(state=_S.ASKING))
@@ -352,7 +355,7 @@ class ActionResponder:
         wait_until = now
         if self._is_immediate(execution.target):
             left_s = (execution.issued - utc) / TICKS_PER_SECOND + execution.timeout_ms / 1000
-            wait_until = now + max(0.0, left_s - 2 * self._limits.interval_s)
+            wait_until = now + max(0.0, min(left_s, execution.timeout_ms / 1000) - 2 * self._limits.interval_s)
         self._exchanges.open(execution_id, message, reply_to, wait_until, now)
         if effects and execution.report.state is _S.RUNNING:
             self._exchanges.said(execution_id, now, is_done=False)
@@ -392,6 +395,8 @@ class ActionResponder:
         limits, hint_ms = self._limits, message.timeout_hint_ms or 0.0
         late_s = limits.clock_tolerance_s if limits.late_tolerance_s is None else limits.late_tolerance_s
         ahead_s = ((message.timestamp or 0) - utc) / TICKS_PER_SECOND
+        if execution.target.action_target_id & CONTROL_BITS == HALT_TARGETS and hint_ms > 0:
+            ahead_s = 0.0  # it names what is to stop: whatever clocks say, it can harm nothing else
         if hint_ms <= 0 or -ahead_s > hint_ms / 1000 + late_s:
             late = ExecutionReport(
                 _S.TIMED_OUT, StatusCode.BAD_TIMEOUT, f"it came {-ahead_s:.3f} s after it was issued"

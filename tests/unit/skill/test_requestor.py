@@ -252,12 +252,25 @@ def test_after_a_restart_it_asks_on_with_the_same_message() -> None:
     assert make(journal).resume(0.0, UTC) == [], "an outcome is an outcome after a restart too"
 
 
-def test_issue_times_increase_whatever_the_clock_does() -> None:
+def test_issue_times_increase_where_the_clock_goes_back_a_little() -> None:
     journal = MemoryJournal()
     requestor = make(journal)
     start(requestor)
-    assert sent(start(requestor, execution_id=OTHER_ID, utc=5)).timestamp == UTC + 1
-    assert sent(start(make(journal), execution_id=bytes([2]) * 16, utc=6)).timestamp == UTC + 2
+    back = UTC - 4 * TICKS_PER_SECOND
+    assert sent(start(requestor, execution_id=OTHER_ID, utc=back)).timestamp == UTC + 1
+    assert sent(start(make(journal), execution_id=bytes([2]) * 16, utc=back)).timestamp == UTC + 2
+
+
+def test_issue_times_go_with_a_clock_that_is_set_back() -> None:
+    """No responder takes what is issued far ahead of its clock."""
+    journal = MemoryJournal()
+    requestor = make(journal)
+    start(requestor)
+    back = UTC - 3600 * TICKS_PER_SECOND
+    assert sent(start(requestor, execution_id=OTHER_ID, utc=back)).timestamp == back
+    assert sent(start(requestor, execution_id=bytes([2]) * 16, utc=back)).timestamp == back + 1
+    later = back + 60 * TICKS_PER_SECOND
+    assert sent(start(make(journal), execution_id=bytes([3]) * 16, utc=later)).timestamp == later
 
 
 def test_the_oldest_are_forgotten_but_for_those_that_are_open() -> None:

@@ -26,6 +26,7 @@ from ua_fleet.skill import (
 )
 from ua_fleet.skill.answers import read_answer
 from ua_fleet.skill.exchanges import MOST_OPEN, PATIENCE_S
+from ua_fleet.skill.executions import HALT_TARGETS
 from ua_fleet.skill.responder import TRANSITIONS
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, StatusCode
 from ua_fleet.wire import ActionMessage, ActionState
@@ -227,6 +228,21 @@ def test_clocks_may_differ_a_little() -> None:
         assert isinstance(receive(make(), REQUEST._replace(timestamp=issued))[1], Execute)
 
 
+@pytest.mark.parametrize("seconds", [-3600, 3600])
+def test_a_robot_is_halted_whatever_clocks_say(seconds: int) -> None:
+    halt = REQUEST._replace(
+        action_target_id=REQUEST.action_target_id | HALT_TARGETS, timestamp=UTC + seconds * TICKS_PER_SECOND
+    )
+    offers = (*OFFERS, replace(OFFERS[0], target=OFFERS[0].target._replace(action_target_id=halt.action_target_id)))
+    limits = replace(LIMITS, late_tolerance_s=0.0)
+    for request, begins in ((halt, True), (halt._replace(timeout_hint_ms=0.0), False), (REQUEST, True)):
+        responder = ActionResponder(7, MemoryJournal(), Counters(), offers=offers, allowed_spaces=(0, 2), limits=limits)
+        assert any(isinstance(effect, Execute) for effect in receive(responder, request)) is begins
+    responder = ActionResponder(7, MemoryJournal(), Counters(), offers=offers, allowed_spaces=(0, 2), limits=limits)
+    effects = receive(responder, REQUEST._replace(timestamp=halt.timestamp))
+    assert report(effects).state in (S.TIMED_OUT, S.REFUSED), "what begins something is looked at as before"
+
+
 @pytest.mark.parametrize(
     "request_",
     [
@@ -390,6 +406,14 @@ def test_after_a_restart_what_was_surely_not_begun_begins_if_it_is_in_time() -> 
     assert isinstance(changed, ExecutionChanged)
     assert state(late) is S.TIMED_OUT
     assert late.not_begun(ID, 0.0, UTC) == []
+
+
+def test_after_a_restart_nothing_begins_that_is_late_by_more_than_a_clock_tells() -> None:
+    """It was set back since: how late it is nobody knows."""
+    responder = restarted(MemoryJournal())
+    (changed,) = responder.not_begun(ID, 0.0, UTC - 3600 * TICKS_PER_SECOND)
+    assert isinstance(changed, ExecutionChanged)
+    assert state(responder) is S.TIMED_OUT
 
 
 def test_an_unknown_end_may_be_known_later() -> None:

@@ -78,6 +78,19 @@ def test_two_messages_an_exchange_promise_the_same() -> None:
     assert seen["contradicted"] == 0
 
 
+@pytest.mark.parametrize("set_back_s", [1.0, 3600.0])
+def test_a_clock_that_is_set_back_has_nothing_done_twice(set_back_s: float) -> None:
+    seen: Counter[str] = Counter()
+    # Of what was refused for its issue time no mark is kept: it is remembered until no copy of it is on its way.
+    makers = Makers(set_back_s=set_back_s, limits=replace(LIMITS, most_remembered=100))
+    for seed in range(SCHEDULES // SHARES // 4):
+        result = World(seed, makers=makers).run()
+        assert not result.problems, f"seed {seed}: {result.problems}"
+        seen += result.seen
+    assert seen["accepted, DONE"] > 100
+    assert seen["refused, BAD_INVALID_TIMESTAMP"]
+
+
 class KeepsNoIntents(CrashingJournal):
     """As if the robot were told first."""
 

@@ -63,6 +63,7 @@ OFFERS = (
 )
 PACE = RequestPace(interval_s=0.1, longest_interval_s=0.4, grace_s=1.5)
 LIMITS = ResponderLimits(requests_at_once=3, most_remembered=6, clock_tolerance_s=0.5, interval_s=0.1, most_repeats=3)
+SET_BACK_AT = 1.5
 CALM = 15.0
 """Nothing crashes any more."""
 END = 60.0
@@ -145,6 +146,8 @@ class Makers:
     journal: type[CrashingJournal] = CrashingJournal
     pace: RequestPace = PACE
     limits: ResponderLimits = LIMITS
+    set_back_s: float = 0.0
+    """So far the clock of both sides is set back in the middle of the schedule."""
 
 
 @dataclass
@@ -182,7 +185,7 @@ class World:
         self._requestor_journal = makers.journal(self._maybe_crash)
         self._responder_journal = makers.journal(self._maybe_crash)
         self.wishes: dict[bytes, Wish] = {}
-        self.quiet = True
+        self.quiet = not makers.set_back_s
         """No crash, no loss, no cut: nothing can justify Unknown."""
         self._plan()
 
@@ -191,7 +194,8 @@ class World:
         return self.network.now
 
     def _utc(self, skew_ticks: int = 0) -> int:
-        return TICKS_AT_START + round(self.now * 10_000_000) + skew_ticks
+        back_s = self._makers.set_back_s if self.now >= SET_BACK_AT else 0.0
+        return TICKS_AT_START + round((self.now - back_s) * 10_000_000) + skew_ticks
 
     def _at(self, when: float, what: Callable[[], None]) -> None:
         heapq.heappush(self._events, (when, next(self._order), what))

@@ -103,6 +103,7 @@ class Choosing:
 
     def _count_ahead(self) -> Counter[str | None]:
         """How many tasks of all runs each robot has ahead."""
-        ahead = Counter(robot for run in self._runs.values() for robot, _ in run.ahead())
-        ahead.update(self.promised())
-        return ahead
+        counts = Counter[str | None](self.promised())
+        for run in self._runs.values():
+            counts.update(run.count_ahead())
+        return counts

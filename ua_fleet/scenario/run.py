@@ -27,6 +27,7 @@ A paused run starts no task; what robots are at goes on. A run that is aborted c
 from __future__ import annotations
 
 import uuid
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -105,6 +106,7 @@ class Run:
         self._order = TaskOrder(self._tasks.values(), scenario.outside)
         self._lookup: Lookup = _nothing_known
         self._deadline: float | None = None
+        self._counted: tuple[int, Counter[str | None]] | None = None
         self._walk = StepWalk(state, self.note, self._close, self._take_task)
         self._tending = Tending(world, self)
 
@@ -602,6 +604,13 @@ class Run:
             else:
                 yield task_run.robot or None, task
 
+    def count_ahead(self) -> Mapping[str | None, int]:
+        """How many tasks each robot has `ahead`, counted anew only once something has happened."""
+        known = len(self.state.tasks)
+        if self._counted is None or self._counted[0] != known:
+            self._counted = known, Counter(robot for robot, _ in self.ahead())
+        return self._counted[1]
+
     # Values and facts.
 
     def look_up(self, name: str) -> Value:
@@ -619,6 +628,7 @@ class Run:
         """Journal a fact, then apply it, then tell it."""
         self._journal(fact)
         self.state.apply(fact)
+        self._counted = None
         moment.effects.append(Happened(fact))
 
 

@@ -13,7 +13,7 @@ from ua_fleet.scenario.asking import cancel
 from ua_fleet.scenario.consequences import BUSY_S, HALT_S, LEAST_SILENCE_S, SETTLE_S, TELL_S, VALUE_S
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.expression import Value, ValueUnknown
-from ua_fleet.scenario.facts import Fact, TaskHalting, TaskOutcome
+from ua_fleet.scenario.facts import Fact, TaskFound, TaskHalting, TaskOutcome
 from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.state import RunState, TaskPhase, TaskRun
 from ua_fleet.scenario.walk import WalkState
@@ -208,7 +208,10 @@ class Tending:
             if trouble is not None and task_run.execution_id not in self._taken_back:
                 self._taken_back.add(task_run.execution_id)  # its request may be on its way still
                 moment.effects.append(cancel(task_run))
-            if phase is TaskPhase.LOST:
+            if phase is TaskPhase.LOST and trouble is None and self._says_it_is_at(task_run):
+                self._run.note(TaskFound(moment.now, step, task_run.attempt), moment)
+                self._tend_begun(step, task, task_run, moment)
+            elif phase is TaskPhase.LOST:
                 self._tend_lost(step, task_run, since, moment)
         elif trouble is not None:
             self._halt(step, task_run, TaskOutcome.FAULT, trouble.reason, moment)
@@ -220,6 +223,11 @@ class Tending:
                 moment.deadlines.append(due)
             else:
                 self._halt(step, task_run, TaskOutcome.TIMED_OUT, f"not done in {task.timeout_s:g} s", moment)
+
+    def _says_it_is_at(self, task_run: TaskRun) -> bool:
+        """Whether a robot that was lost says that it is at a task still, and was not told to stop."""
+        until = self._world.followed_until(task_run.robot, task_run.execution_id)
+        return until == inf and task_run.halting is None
 
     def _tend_standing(self, step: str, task_run: TaskRun, since: float | None, reason: str, moment: WalkState) -> None:
         """Who can say that it has a fault stands: what it was at is over. It may just be saying that it was done."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
+from tests.counted_lines import counted_lines
 from ua_fleet.config.load import load
 
 _HEAD = """
@@ -43,23 +41,8 @@ def _lines_of(folder: Path, robots: int) -> int:
         first, a, b, c, d = range(5 * robot + 1, 5 * robot + 6)
         text += _ROBOT.format(robot=robot, first=first, a=a, b=b, c=c, d=d)
     path.write_text(text)
-    count = 0
-
-    def in_frame(_frame: FrameType, event: str, _given: Any) -> Any:
-        nonlocal count
-        count += event == "line"
-        return in_frame
-
-    def called(frame: FrameType, _event: str, _given: Any) -> Any:
-        return in_frame if "/ua_fleet/" in frame.f_code.co_filename else None
-
-    before = sys.gettrace()
-    sys.settrace(called)
-    try:
-        config = load(path)
-    finally:
-        sys.settrace(before)
-    assert len(config.robots) == robots
+    count = counted_lines(lambda: load(path))
+    assert len(load(path).robots) == robots
     return count
 
 

@@ -35,6 +35,7 @@ from ua_fleet.resilience import Criterion, CriterionKind, DecisionMode, OnLimit,
 from ua_fleet.scenario import FleetView, RobotView, Scenario, Value, ValueUnknown, scenario_of
 from ua_fleet.scenario.consequences import NOT_HALTED
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, TaskOver, decode_fact, encode_fact
+from ua_fleet.scenario.state import TaskPhase
 
 ROBOTS = ("r1", "r2", "r3")
 SOURCES = ("announced", "robot", "battery_low", "silent")
@@ -367,3 +368,24 @@ Fleet.TestCase.settings = settings(
     max_examples=150, stateful_step_count=50, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 test_a_fleet_of_three_robots = Fleet.TestCase
+
+
+def test_a_lost_robot_that_says_that_it_is_at_its_task_is_not_given_up() -> None:
+    """Nothing was heard of it for 30 s; its SkillStatus comes back before its values do."""
+    fleet = Fleet()
+    fleet.begin(mode=DecisionMode.OPERATOR, on_limit=OnLimit.BEST_IF_KNOWN)
+    text = "{{task: {name}, robot: {robot}, skill: {skill}, retries: {retries}, on_unknown: {policy}}}"
+    fleet.start([(text, "r2", "go", 0, "retry")], is_parallel=False)
+    (execution_id,) = fleet.requests
+    fleet.requests[execution_id].state = "at work"
+    fleet._take(fleet.make.accepted(execution_id, fleet.now))
+    fleet._take(fleet.make.told([FaultFound("r2", "silent", True, "its values are lost")], fleet.now))
+    fleet.pass_time(31.0)
+    task = fleet.make.runs["run0"].state.tasks["0"]
+    assert task.phase is TaskPhase.LOST
+    fleet.say_what_it_is_at("r2")
+    fleet.pass_time(60.0)
+    assert task.phase is TaskPhase.ACCEPTED
+    assert fleet.questions == set()
+    fleet._take(fleet.make.ended(execution_id, TaskOutcome.DONE, fleet.now))
+    assert fleet.make.runs == {}

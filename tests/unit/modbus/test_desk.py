@@ -266,7 +266,7 @@ def test_choice_is_told_once_and_repeated_ones_are_not(decisions: Decisions) -> 
     assert choice is not None
     assert (choice.decision_id, choice.robot) == ("d1", "drone")
     assert decisions.desk.take() is None
-    decisions.desk.answered(choice, is_taken=True)
+    decisions.desk.answered(choice, DecisionOutcome.TAKEN)
     assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN)
     decisions.choose(1, 3)
     assert decisions.desk.take() is None
@@ -285,7 +285,7 @@ def test_refused_choice_may_be_made_again(decisions: Decisions) -> None:
     decisions.choose(1, 2)
     choice = decisions.desk.take()
     assert choice is not None
-    decisions.desk.answered(choice, is_taken=False)
+    decisions.desk.answered(choice, DecisionOutcome.REFUSED)
     decisions.choose(1, 3)
     again = decisions.desk.take()
     assert again is not None
@@ -298,7 +298,7 @@ def test_the_second_decision_of_a_step_can_be_answered_as_the_first(decisions: D
     decisions.choose(1, 2)
     choice = decisions.desk.take()
     assert choice is not None
-    decisions.desk.answered(choice, is_taken=True)
+    decisions.desk.answered(choice, DecisionOutcome.TAKEN)
     decisions.desk.show([OPEN], [])
     assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN), (
         "the server shows it as open a little longer"
@@ -312,6 +312,74 @@ def test_the_second_decision_of_a_step_can_be_answered_as_the_first(decisions: D
     again = decisions.desk.take()
     assert again is not None
     assert again.robot == "drone"
+
+
+def test_choice_that_is_written_in_each_cycle_is_told_once(decisions: Decisions) -> None:
+    decisions.desk.show([OPEN], [])
+    decisions.choose(1, 3)
+    choice = decisions.desk.take()
+    assert choice is not None
+    decisions.choose(1, 3)
+    assert decisions.desk.take() is None, "the server has not answered yet"
+    decisions.desk.answered(choice, DecisionOutcome.TAKEN)
+    decisions.choose(1, 3)
+    assert decisions.desk.take() is None
+    assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN)
+
+
+def test_choice_that_is_wrong_does_not_have_the_one_that_is_told_repeated(decisions: Decisions) -> None:
+    decisions.desk.show([OPEN], [])
+    decisions.choose(1, 3)
+    choice = decisions.desk.take()
+    assert choice is not None
+    decisions.choose(9, 3)
+    assert decisions.words("decided", "outcome") == (9, DecisionOutcome.REFUSED)
+    decisions.choose(1, 3)
+    decisions.desk.answered(choice, DecisionOutcome.TAKEN)
+    assert decisions.desk.take() is None
+    assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN)
+
+
+def unknown(decisions: Decisions) -> None:
+    decisions.desk.show([OPEN], [])
+    decisions.choose(1, 3)
+    choice = decisions.desk.take()
+    assert choice is not None
+    decisions.desk.answered(choice, DecisionOutcome.UNKNOWN)
+    decisions.choose(1, 3)
+    decisions.desk.refuse()
+    assert decisions.words("decided", "outcome") == (1, DecisionOutcome.UNKNOWN), (
+        "nothing is known before the next look"
+    )
+
+
+@pytest.mark.parametrize("is_early", [True, False], ids=["before the next look", "after it"])
+def test_choice_with_an_unknown_end_is_made_again_where_the_decision_is_still_open(
+    decisions: Decisions, is_early: bool
+) -> None:
+    unknown(decisions)
+    if is_early:
+        decisions.choose(1, 3)
+    decisions.desk.show([OPEN], [])
+    assert decisions.words("decision", "decided", "outcome") == (1, 1, DecisionOutcome.UNKNOWN)
+    if not is_early:
+        decisions.choose(1, 3)
+    again = decisions.desk.take()
+    assert again is not None
+    decisions.desk.answered(again, DecisionOutcome.TAKEN)
+    assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN)
+
+
+def test_choice_with_an_unknown_end_is_not_refused_once_the_decision_is_made(decisions: Decisions) -> None:
+    unknown(decisions)
+    decisions.choose(1, 3)
+    decisions.desk.show([dataclasses.replace(OPEN, state="made")], [])
+    assert decisions.desk.take() is None
+    decisions.choose(1, 3)
+    assert decisions.desk.take() is None
+    assert decisions.words("decision", "decided", "outcome") == (0, 1, DecisionOutcome.UNKNOWN)
+    decisions.desk.show([OPEN], [])
+    assert decisions.words("decision", "decided", "outcome") == (1, 0, DecisionOutcome.NONE)
 
 
 def test_decisions_keep_their_numbers(decisions: Decisions) -> None:

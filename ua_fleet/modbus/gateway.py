@@ -138,6 +138,7 @@ class Gateway:
         while True:
             count = (count + 1) & 0xFFFF
             self.image.put(self._status("heartbeat"), count)
+            self._desk.record_again()
             await asyncio.sleep(HEARTBEAT_S)
 
     async def _refuse_while_away(self) -> None:

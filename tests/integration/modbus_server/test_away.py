@@ -17,7 +17,7 @@ from tests.waiting import until
 from ua_fleet.client import DecisionInfo, FleetClient, NodeInfo, ScenarioClient
 from ua_fleet.client.fleet_client import Reading
 from ua_fleet.config.load import load_content
-from ua_fleet.errors import NotConnected, SendTimeout
+from ua_fleet.errors import NotConnected, SendTimeout, StorageUnavailable
 from ua_fleet.modbus import gateway as module
 from ua_fleet.modbus.gateway import Gateway
 from ua_fleet.modbus.memory import CommandMemory
@@ -99,8 +99,8 @@ class Working:
 
     def __init__(self, folder: Path) -> None:
         self.line = Line()
-        self._memory = CommandMemory(folder / "commands.db")
-        self.gateway = Gateway(load_content(FLEET, "F", {}), self._memory)
+        self.memory = CommandMemory(folder / "commands.db")
+        self.gateway = Gateway(load_content(FLEET, "F", {}), self.memory)
 
     def write(self, *values: tuple[Register, int]) -> None:
         for register, value in values:
@@ -124,7 +124,7 @@ class Working:
         finally:
             work.cancel()
             await asyncio.gather(work, return_exceptions=True)
-            self._memory.close()
+            self.memory.close()
 
 
 @pytest.fixture(autouse=True)
@@ -158,6 +158,25 @@ async def test_command_that_is_asked_for_when_the_connection_drops_is_unknown(tm
         assert await working.ended(1) is CommandState.UNKNOWN
         working.write(*command(2))
         assert await working.ended(2) is CommandState.REFUSED
+
+
+async def test_command_that_a_full_disk_refused_is_recorded_once_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise StorageUnavailable("the disk is full; free some space")
+
+    async with Working(tmp_path).work() as working:
+        with monkeypatch.context() as on_full_disk:
+            on_full_disk.setattr(working.memory, "record", full)
+            working.write(*command(1))
+            assert await working.ended(1) is CommandState.REFUSED
+        await until(lambda: working.memory.last() is not None, "the record")
+    memory = CommandMemory(tmp_path / "commands.db")
+    last = memory.last()
+    memory.close()
+    assert last is not None
+    assert (last.number, last.state) == (1, CommandState.REFUSED)
 
 
 @pytest.mark.parametrize("error", [NotConnected, SendTimeout, None], ids=["lost", "no answer", "seen elsewhere first"])

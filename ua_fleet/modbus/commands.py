@@ -5,6 +5,7 @@
     it has ended                     recorded, and shown: the state last
     the same number again            nothing: the answer stands there already
     another one while one runs       waits until that has ended
+    it cannot be recorded            refused, or shown as it is; recorded as soon as the disk takes it
 
 After a restart a RUNNING one is followed again by its id; an ASKING one is UNKNOWN, since the fleet may have begun it.
 """
@@ -55,6 +56,8 @@ class CommandDesk:
         self._status_base = status_base
         self.last = memory.last() or LastCommand(0, 0, CommandState.NONE)
         self._asked: PendingCommand | None = None
+        self._is_unrecorded = False
+        """Whether the disk has not taken yet what `last` has."""
         if self.last.state is CommandState.ASKING:
             self.end(CommandState.UNKNOWN, StatusCode.UNCERTAIN, "restarted while it was asked for; look at the robot")
         image.put(self._command, self.last.number)
@@ -77,7 +80,7 @@ class CommandDesk:
         except StorageUnavailable as error:
             self._refuse_unrecorded(asking, error)
             return
-        self.last = asking
+        self.last, self._is_unrecorded = asking, False
         self._take(code)
         self._show()
 
@@ -101,6 +104,16 @@ class CommandDesk:
         self._record(self.last._replace(state=state, status=int(code), message=_readable(message), results=text))
         self.look()
 
+    def record_again(self) -> None:
+        """Record what the disk did not take: at the next start the PLC's words would begin a refused command."""
+        if not self._is_unrecorded:
+            return
+        try:
+            self._memory.record(self.last)
+        except StorageUnavailable:
+            return  # the PLC reads it as the message
+        self._is_unrecorded = False
+
     def _take(self, code: int) -> None:
         command = self._commands.get(code)
         if command is None:
@@ -122,12 +135,15 @@ class CommandDesk:
             self._memory.record(command)
         except StorageUnavailable as error:
             # It is shown all the same; after a restart it would be taken for what was recorded before, and followed.
-            self.last = command._replace(message=str(error))
+            self.last, self._is_unrecorded = command._replace(message=str(error)), True
+        else:
+            self._is_unrecorded = False
         self._show()
 
     def _refuse_unrecorded(self, asking: LastCommand, error: StorageUnavailable) -> None:
         """Nothing is begun that cannot be remembered."""
         self.last = asking._replace(state=CommandState.REFUSED, status=int(error.ua_status), message=str(error))
+        self._is_unrecorded = True
         self._show()
 
     def _show(self) -> None:

@@ -11,7 +11,7 @@ from ua_fleet.monitoring.metrics import Family
 
 __all__ = ["GatewayFigures"]
 
-_CAUSES = ("writer", "address", "unit", "frame", "connections")
+_CAUSES = ("writer", "address", "value", "function", "unit", "frame", "connections")
 
 
 class GatewayFigures:

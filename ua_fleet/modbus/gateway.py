@@ -17,12 +17,12 @@ from ua_fleet.client import DecisionInfo, FaultInfo, FleetClient, NodeNotFound, 
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import AccessRefused, NotConnected, SendTimeout, SkillError, UaFleetError
 from ua_fleet.modbus.commands import CommandDesk, PendingCommand
-from ua_fleet.modbus.decisions import DecisionDesk
+from ua_fleet.modbus.decisions import DecisionDesk, PlcAnswer
 from ua_fleet.modbus.following import Followed, Patience, follow_run, follow_skill
 from ua_fleet.modbus.image import Image
 from ua_fleet.modbus.memory import CommandMemory
 from ua_fleet.modbus.table import MappedValue, map_rows, modbus_commands, modbus_values
-from ua_fleet.modbus.words import CommandState, status
+from ua_fleet.modbus.words import CommandState, DecisionOutcome, status
 from ua_fleet.monitoring import Mistakes
 from ua_fleet.registers import AddressSpan, RegisterUnfit, cast
 from ua_fleet.values import Quality, StatusCode, quality_of
@@ -138,6 +138,7 @@ class Gateway:
         while True:
             count = (count + 1) & 0xFFFF
             self.image.put(self._status("heartbeat"), count)
+            self._desk.record_again()
             await asyncio.sleep(HEARTBEAT_S)
 
     async def _refuse_while_away(self) -> None:
@@ -284,14 +285,6 @@ class Gateway:
 
     async def _decide(self, scenarios: ScenarioClient) -> None:
         while True:
-            if (answer := self._decisions.take()) is not None:
-                try:
-                    await scenarios.confirm(answer.decision_id, answer.robot)
-                except (NotDone, AccessRefused, NodeNotFound) as error:
-                    self._tell(f"{answer.robot} was not chosen: {error}")
-                    self._decisions.answered(answer, is_taken=False)
-                else:
-                    self._decisions.answered(answer, is_taken=True)
             try:
                 decisions: list[DecisionInfo] = await scenarios.decisions()
                 faults: list[FaultInfo] = await scenarios.faults()
@@ -300,7 +293,21 @@ class Gateway:
             else:
                 with self.mistakes.guard("decisions"):
                     self._decisions.show(decisions, faults)
+            if (answer := self._decisions.take()) is not None:  # for what is open now, also after a time away
+                await self._choose(scenarios, answer)
             await asyncio.sleep(POLL_S)
+
+    async def _choose(self, scenarios: ScenarioClient, answer: PlcAnswer) -> None:
+        try:
+            await scenarios.confirm(answer.decision_id, answer.robot)
+        except (NotDone, AccessRefused, NodeNotFound) as error:
+            self._tell(f"{answer.robot} was not chosen: {error}")
+            self._decisions.answered(answer, DecisionOutcome.REFUSED)
+        except BaseException:  # the answer was lost; cancelled: another task saw first that the server is away
+            self._decisions.answered(answer, DecisionOutcome.UNKNOWN)
+            raise
+        else:
+            self._decisions.answered(answer, DecisionOutcome.TAKEN)
 
     def _tell(self, text: str) -> None:
         """Log a problem once."""

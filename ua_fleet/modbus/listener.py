@@ -122,7 +122,7 @@ class _Handler(ServerRequestHandler):
         super().__init__(owner, None, None, None)  # type: ignore[no-untyped-call]
         self._tables = tables
         self._peer = ""
-        self._unread = b""
+        self._unread = bytearray()
         self._is_answering = self._is_full = False
         self.heard = 0.0
         """When something was received last, or it was connected; by the loop's clock."""
@@ -174,10 +174,37 @@ class _Handler(ServerRequestHandler):
     def _go_on(self) -> None:
         """Have pymodbus answer the next request, where one is there and none is being answered."""
         while self.transport and not self._is_answering and not self._is_full and (request := self._request()):
-            self.callback_data(request)
-            self._is_answering = self.last_pdu is not None
+            if self._is_served(request):
+                self.callback_data(request)
+                self._is_answering = self.last_pdu is not None
         if isinstance(self.transport, asyncio.ReadTransport):  # it is None after the end
             (self.transport.pause_reading if len(self._unread) > _LONGEST else self.transport.resume_reading)()
+
+    def _is_served(self, request: bytes) -> bool:
+        """Whether it is a request to this unit that pymodbus can read; another one is answered here, or not at all.
+
+        pymodbus has more functions than this device, some of them for every unit, and answers what it cannot read as
+        a function 0 (MODBUS Application Protocol 1.1b3, 7, says which exception it is).
+        """
+        number, unit, function = int.from_bytes(request[:2], "big"), request[_HEADER], request[_HEADER + 1]
+        if unit not in self._tables.device_ids():
+            self._tables.refused["unit"] += 1
+            return False
+        if function not in TABLE_OF_FUNCTION:
+            self._tables.refused["function"] += 1
+            code = ExcCodes.ILLEGAL_FUNCTION
+        elif self.framer.decoder.decode(request[_HEADER + 1 :]) is None:
+            code = ExcCodes.ILLEGAL_VALUE
+        else:
+            return True
+        self.server_send(ExceptionResponse(function, code, device_id=unit, transaction=number), None)
+        return False
+
+    def server_send(self, pdu: ModbusPDU, addr: tuple[Any, ...] | None) -> None:
+        """Send an answer; pymodbus finds some of the wrong numbers of values itself."""
+        if isinstance(pdu, ExceptionResponse) and pdu.exception_code == ExcCodes.ILLEGAL_VALUE:
+            self._tables.refused["value"] += 1
+        super().server_send(pdu, addr)  # type: ignore[no-untyped-call]
 
     def _request(self) -> bytes:
         """The next whole request, taken away; empty where there is none yet.
@@ -192,10 +219,10 @@ class _Handler(ServerRequestHandler):
             self.server.leave(self)
             self.close()
             return b""
-        request = self._unread[: _HEADER + length]
+        request = bytes(self._unread[: _HEADER + length])
         if len(request) < _HEADER + length:
             return b""
-        self._unread = self._unread[len(request) :]
+        del self._unread[: len(request)]
         return request
 
 
@@ -250,7 +277,7 @@ class ModbusListener:
 
     @property
     def refused(self) -> Counter[str]:
-        """Requests that were refused, by cause: writer, address, unit, frame; and connections."""
+        """Requests that were refused, by cause: writer, address, value, function, unit, frame; and connections."""
         return self._tables.refused
 
     @property

@@ -44,6 +44,8 @@ class DecisionOutcome(IntEnum):
     NONE = 0
     TAKEN = 1
     REFUSED = 2
+    UNKNOWN = 3
+    """The connection was lost before the server's answer: it may have taken it."""
 
 
 class Word(NamedTuple):

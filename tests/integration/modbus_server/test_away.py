@@ -14,14 +14,14 @@ from typing import Any, cast
 import pytest
 
 from tests.waiting import until
-from ua_fleet.client import FleetClient, NodeInfo
+from ua_fleet.client import DecisionInfo, FleetClient, NodeInfo, ScenarioClient
 from ua_fleet.client.fleet_client import Reading
 from ua_fleet.config.load import load_content
-from ua_fleet.errors import NotConnected
+from ua_fleet.errors import NotConnected, SendTimeout, StorageUnavailable
 from ua_fleet.modbus import gateway as module
 from ua_fleet.modbus.gateway import Gateway
 from ua_fleet.modbus.memory import CommandMemory
-from ua_fleet.modbus.words import CommandState, control, status
+from ua_fleet.modbus.words import CommandState, DecisionOutcome, control, status
 from ua_fleet.registers import AddressSpan, Register, RegisterType, Table
 
 GOAL = Register(Table.HOLDING, 10, RegisterType.INT16)
@@ -38,6 +38,7 @@ robots:
     skills:
       turn: {id: 6}
 modbus:
+  robots: [arm]
   sets: {arm.goal: {table: holding, address: 10, type: int16}}
   commands:
     turn: {code: 1, robot: arm, skill: turn}
@@ -98,8 +99,8 @@ class Working:
 
     def __init__(self, folder: Path) -> None:
         self.line = Line()
-        self._memory = CommandMemory(folder / "commands.db")
-        self.gateway = Gateway(load_content(FLEET, "F", {}), self._memory)
+        self.memory = CommandMemory(folder / "commands.db")
+        self.gateway = Gateway(load_content(FLEET, "F", {}), self.memory)
 
     def write(self, *values: tuple[Register, int]) -> None:
         for register, value in values:
@@ -123,7 +124,7 @@ class Working:
         finally:
             work.cancel()
             await asyncio.gather(work, return_exceptions=True)
-            self._memory.close()
+            self.memory.close()
 
 
 @pytest.fixture(autouse=True)
@@ -157,3 +158,63 @@ async def test_command_that_is_asked_for_when_the_connection_drops_is_unknown(tm
         assert await working.ended(1) is CommandState.UNKNOWN
         working.write(*command(2))
         assert await working.ended(2) is CommandState.REFUSED
+
+
+async def test_command_that_a_full_disk_refused_is_recorded_once_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise StorageUnavailable("the disk is full; free some space")
+
+    async with Working(tmp_path).work() as working:
+        with monkeypatch.context() as on_full_disk:
+            on_full_disk.setattr(working.memory, "record", full)
+            working.write(*command(1))
+            assert await working.ended(1) is CommandState.REFUSED
+        await until(lambda: working.memory.last() is not None, "the record")
+    memory = CommandMemory(tmp_path / "commands.db")
+    last = memory.last()
+    memory.close()
+    assert last is not None
+    assert (last.number, last.state) == (1, CommandState.REFUSED)
+
+
+@pytest.mark.parametrize("error", [NotConnected, SendTimeout, None], ids=["lost", "no answer", "seen elsewhere first"])
+async def test_choice_whose_answer_is_lost_is_unknown_and_can_be_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[NotConnected | SendTimeout] | None
+) -> None:
+    """The server has not taken it; the PLC writes its words in each cycle."""
+    decision = DecisionInfo("d", "open", "turn", "arm", "silent", "", "", ("arm",), (0.5,), (), (), 0.0)
+    asked: list[str] = []
+    working = Working(tmp_path)
+
+    async def decisions(_: Any) -> list[DecisionInfo]:
+        return [] if len(asked) == 2 else [decision]
+
+    async def confirm(_: Any, _decision_id: str, robot: str) -> str:
+        asked.append(robot)
+        if len(asked) == 1:
+            working.line.is_up = False
+            working.line.dropped.set()
+            if error is not None:
+                raise error("nothing came back")
+            await asyncio.sleep(60)
+        return "taken"
+
+    monkeypatch.setattr(ScenarioClient, "decisions", decisions)
+    monkeypatch.setattr(ScenarioClient, "confirm", confirm)
+    async with working.work():
+        choice = ((control("chosen", 0), 1), (control("decision", 0), 1))
+
+        def outcome() -> tuple[int, int]:
+            working.write(*choice)
+            return working.word("decided"), working.word("outcome")
+
+        await until(lambda: working.word("decision") == 1, "the decision")
+        await until(lambda: outcome() == (1, DecisionOutcome.UNKNOWN), "that nobody knows")
+        await until(lambda: working.word("connected") == 0, "that it is away")
+        await asyncio.sleep(2 * module.POLL_S)
+        assert outcome() == (1, DecisionOutcome.UNKNOWN), "it is not refused while the server is away"
+        working.line.is_up = True
+        await until(lambda: outcome() == (1, DecisionOutcome.TAKEN), "that it was taken")
+    assert asked == ["arm", "arm"]

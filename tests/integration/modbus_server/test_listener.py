@@ -195,6 +195,40 @@ async def test_function_23_writes_nothing_where_its_read_is_refused(device: Devi
     assert device.listener.refused["address"] == 2
 
 
+@pytest.mark.parametrize(
+    ("asked", "answer", "cause"),
+    [
+        ((7,), (0x87, 1), "function"),
+        ((8, 0, 0, 0, 7), (0x88, 1), "function"),
+        ((17,), (0x91, 1), "function"),
+        ((24, 0, 0), (0x98, 1), "function"),
+        ((43, 14, 1, 0), (0xAB, 1), "function"),
+        ((100, 1), (0xE4, 1), "function"),
+        ((0x84, 1), (0x84, 1), "function"),
+        ((4, 0, 0, 0, 0), (0x84, 3), "value"),
+        ((3, 0, 0, 0xFF, 0xFF), (0x83, 3), "value"),
+        ((3,), (0x83, 3), "value"),
+        ((16, 0), (0x90, 3), "value"),
+        ((16, 0, 0, 0, 2, 4, 1), (0x90, 3), "value"),
+        ((15, 0, 0, 0, 8, 1), (0x8F, 3), "value"),
+        ((23, 0, 0), (0x97, 3), "value"),
+    ],
+)
+async def test_what_is_not_served_is_answered_with_its_function_and_counted(
+    device: Device, asked: tuple[int, ...], answer: tuple[int, int], cause: str
+) -> None:
+    reader, writer = await asyncio.open_connection("127.0.0.1", device.port)
+    header = struct.pack(">HHH", 5, 0, 1 + len(asked))
+    writer.write(header + bytes((9, *asked)))
+    writer.write(header + bytes((1, *asked)))
+    writer.write(request(6, 6, 0, 1))
+    assert await asyncio.wait_for(reader.readexactly(9), 5) == struct.pack(">HHHB", 5, 0, 3, 1) + bytes(answer)
+    assert await asyncio.wait_for(reader.readexactly(12), 5) == request(6, 6, 0, 1)
+    assert device.listener.refused == {cause: 1, "unit": 1}, "another unit is not answered"
+    writer.close()
+    await writer.wait_closed()
+
+
 async def test_what_is_no_modbus_ends_its_connection(device: Device) -> None:
     for number, rubbish in enumerate((b"GET / HTTP/1.1\r\n\r\n", struct.pack(">HHHBB", 1, 0, 1, 1, 3)), start=1):
         reader, writer = await asyncio.open_connection("127.0.0.1", device.port)

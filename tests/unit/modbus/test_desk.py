@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from ua_fleet.client import DecisionInfo, FaultInfo
 from ua_fleet.config import modbus_checks
 from ua_fleet.config.base import ScalarType
-from ua_fleet.config.modbus_schema import CommandConfig, ModbusServerConfig
+from ua_fleet.config.modbus_schema import CommandConfig
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.modbus.commands import CommandDesk
-from ua_fleet.modbus.decisions import DecisionDesk
 from ua_fleet.modbus.image import Image
 from ua_fleet.modbus.memory import CommandMemory, LastCommand
 from ua_fleet.modbus.table import ArgumentRegisters, Command
-from ua_fleet.modbus.words import CONTROL, STATUS, CommandState, DecisionOutcome, control, status
-from ua_fleet.registers import AddressSpan, Register, RegisterType, Table
+from ua_fleet.modbus.words import CONTROL, STATUS, CommandState, control, status
+from ua_fleet.registers import Register, RegisterType, Table
 from ua_fleet.values import StatusCode
 
 ANGLE = Register(Table.HOLDING, 20, RegisterType.INT16, scale=0.1)
@@ -202,15 +199,60 @@ def test_result_that_is_no_value_of_its_type_is_said(device: Device, reached: An
     assert device.message().startswith("reached: ")
 
 
-def test_nothing_is_begun_that_cannot_be_remembered(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise StorageUnavailable("the disk is full; free some space")
+def full(*_: object) -> None:
+    raise StorageUnavailable("the disk is full; free some space")
 
+
+def test_nothing_is_begun_that_cannot_be_remembered(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(device.memory, "record", full)
     device.command(1)
     assert device.desk.take() is None
     assert device.answer() == (1, CommandState.REFUSED)
     assert device.message() == "the disk is full; free some space"
+
+
+def test_command_refused_for_a_full_disk_is_not_begun_by_the_same_words_after_a_restart(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as on_full_disk:
+        on_full_disk.setattr(device.memory, "record", full)
+        device.command(1)
+        device.desk.record_again()
+        assert device.memory.last() is None
+    device.desk.record_again()
+    device.restart()
+    device.command(1)
+    assert device.desk.take() is None
+    assert device.answer() == (1, CommandState.REFUSED)
+    device.command(2)
+    assert device.desk.take() is not None
+
+
+def test_end_that_the_disk_did_not_take_is_there_after_a_restart(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device.command(1)
+    device.desk.take()
+    device.desk.began("abc")
+    with monkeypatch.context() as on_full_disk:
+        on_full_disk.setattr(device.memory, "record", full)
+        device.desk.end(CommandState.DONE, 0, "", {"reached": 1.4})
+    device.desk.record_again()
+    device.restart()
+    assert device.answer() == (1, CommandState.DONE)
+    assert device.image.get(REACHED) == 1.4
+
+
+def test_what_the_disk_did_not_take_of_one_command_is_not_recorded_over_the_next(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as on_full_disk:
+        on_full_disk.setattr(device.memory, "record", full)
+        device.command(1)
+    device.command(2)
+    monkeypatch.setattr(device.memory, "record", full)
+    device.desk.record_again()
+    assert device.desk.last == LastCommand(2, 7, CommandState.ASKING) == device.memory.last()
 
 
 def test_lengths_of_the_blocks_are_those_that_the_check_knows() -> None:
@@ -219,101 +261,3 @@ def test_lengths_of_the_blocks_are_those_that_the_check_knows() -> None:
         assert max(register.span.end for register in registers) == length
         addresses = [address for r in registers for address in range(r.address, r.span.end)]
         assert len(addresses) == len(set(addresses)), "no two words overlap"
-
-
-OPEN = DecisionInfo(
-    "d1", "open", "step", "arm", "silent", "", "", ("cart", "drone"), (0.6, 0.4), ("arm",), ("it failed",), 0.0
-)
-
-
-class Decisions:
-    def __init__(self, folder: Path) -> None:
-        self.memory = CommandMemory(folder / "commands.db")
-        self.image = Image([status(word.name, 0) for word in STATUS], [control(word.name, 0) for word in CONTROL])
-        config = ModbusServerConfig(robots=("arm", "cart", "drone"))
-        self.desk = DecisionDesk(self.image, self.memory, config)
-
-    def choose(self, number: int, robot: int) -> None:
-        self.image.put(control("chosen", 0), robot)
-        self.image.put(control("decision", 0), number)
-        self.desk.written(AddressSpan(Table.HOLDING, 2, 1))
-
-    def words(self, *names: str) -> tuple[Any, ...]:
-        return tuple(self.image.get(status(name, 0)) for name in names)
-
-
-@pytest.fixture
-def decisions(tmp_path: Path) -> Decisions:
-    return Decisions(tmp_path)
-
-
-def test_ranking_is_shown_with_the_numbers_of_the_robots(decisions: Decisions) -> None:
-    fault = FaultInfo("f", "arm", "silent", "not heard", active=True, acknowledged=False)
-    old = dataclasses.replace(fault, robot="drone", active=False)
-    decisions.desk.show([dataclasses.replace(OPEN, decision_id="d0", state="made"), OPEN], [fault, old])
-    assert decisions.words("decision", "failed", "candidates") == (1, 1, 2)
-    assert decisions.words("candidate_1", "candidate_2", "candidate_3") == (2, 3, 0)
-    assert decisions.words("score_1", "score_2") == (0.6, 0.4)
-    assert decisions.words("faults_1", "faults_17") == (0b001, 0)
-    decisions.desk.show([], [])
-    assert decisions.words("decision", "failed", "candidates", "candidate_1", "faults_1") == (0, 0, 0, 0, 0)
-
-
-def test_choice_is_told_once_and_repeated_ones_are_not(decisions: Decisions) -> None:
-    decisions.desk.show([OPEN], [])
-    decisions.choose(1, 3)
-    choice = decisions.desk.take()
-    assert choice is not None
-    assert (choice.decision_id, choice.robot) == ("d1", "drone")
-    assert decisions.desk.take() is None
-    decisions.desk.answered(choice, is_taken=True)
-    assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN)
-    decisions.choose(1, 3)
-    assert decisions.desk.take() is None
-
-
-@pytest.mark.parametrize(("number", "robot"), [(2, 3), (1, 0), (1, 9)])
-def test_choice_of_nothing_is_refused(decisions: Decisions, number: int, robot: int) -> None:
-    decisions.desk.show([OPEN], [])
-    decisions.choose(number, robot)
-    assert decisions.desk.take() is None
-    assert decisions.words("decided", "outcome") == (number, DecisionOutcome.REFUSED)
-
-
-def test_refused_choice_may_be_made_again(decisions: Decisions) -> None:
-    decisions.desk.show([OPEN], [])
-    decisions.choose(1, 2)
-    choice = decisions.desk.take()
-    assert choice is not None
-    decisions.desk.answered(choice, is_taken=False)
-    decisions.choose(1, 3)
-    again = decisions.desk.take()
-    assert again is not None
-    assert again.robot == "drone"
-
-
-def test_the_second_decision_of_a_step_can_be_answered_as_the_first(decisions: Decisions) -> None:
-    """The replacement has failed as well: the decision is open again, under its name and number."""
-    decisions.desk.show([OPEN], [])
-    decisions.choose(1, 2)
-    choice = decisions.desk.take()
-    assert choice is not None
-    decisions.desk.answered(choice, is_taken=True)
-    decisions.desk.show([OPEN], [])
-    assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN), (
-        "the server shows it as open a little longer"
-    )
-    decisions.desk.show([], [])
-    decisions.choose(1, 2)
-    assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN)
-    decisions.desk.show([OPEN], [])
-    assert decisions.words("decision", "decided", "outcome") == (1, 0, DecisionOutcome.NONE)
-    decisions.choose(1, 3)
-    again = decisions.desk.take()
-    assert again is not None
-    assert again.robot == "drone"
-
-
-def test_decisions_keep_their_numbers(decisions: Decisions) -> None:
-    numbers = [decisions.memory.decision_number(name) for name in ("a", "b", "a", "c")]
-    assert numbers == [1, 2, 1, 3]

@@ -1,15 +1,18 @@
 """Conditions in scenarios: `temperature > 20`, `fetch.weight <= limit and not gate.open`.
 
 Names are dotted: a parameter, the result of a task, or a value of a robot (`ur3.temperature`, and of an array one
-element, `ur3.joints[1]`, counted from 0). Comparisons may be
-chained; `and`, `or`, `not`, `+ - * /` and parentheses are there, calls and everything else are not. The text is read
-by Python's parser and checked node by node, so nothing of Python can be reached.
+element, `ur3.joints[1]`, counted from 0). What Python would read otherwise, as a name with a `-` or the word `in`,
+stands in backquotes: "`agv-1.speed` > 2". Comparisons may be chained; `and`, `or`, `not`, `+ - * /` and parentheses are
+there, calls and everything else are not. The text is read by Python's parser and checked node by node, so nothing of
+Python can be reached.
 """
 
 from __future__ import annotations
 
 import ast
+import keyword
 import operator
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
@@ -28,6 +31,10 @@ MOST_DEPTH: Final = 30
 MOST_SHOWN: Final = 60
 """Characters of a number or text in a message."""
 
+_QUOTED: Final = re.compile(r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|`([A-Za-z][\w-]*(?:\.[A-Za-z][\w-]*)*)`""")
+"""A text, or a name in backquotes."""
+_STAND_IN: Final = 0xA000
+"""The first of a thousand letters that nobody writes; an identifier with one, as long as the name, stands in for it."""
 _WORDS: Final = {"true": True, "false": False}
 _ARITHMETIC: Final[dict[type[ast.operator], Callable[[float, float], float]]] = {
     ast.Add: operator.add,
@@ -92,15 +99,35 @@ def parse_expression(text: str) -> Expression:
     """
     if len(text) > MOST_CHARACTERS:
         raise ExpressionInvalid(f"a condition has at most {MOST_CHARACTERS} characters, this one {len(text)}")
+    stand_ins: dict[str, str] = {}
+
+    def stand_in(found: re.Match[str]) -> str:
+        if found[1] is None:
+            return found[0]
+        identifier = chr(_STAND_IN + len(stand_ins)).ljust(len(found[0]), "x")
+        stand_ins[identifier] = found[1]
+        return identifier
+
     try:
-        tree = ast.parse(text.strip(), mode="eval").body
+        tree = ast.parse(_QUOTED.sub(stand_in, text.strip()), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         column = getattr(error, "offset", None)
         where = f" at character {column}" if column else ""
-        raise ExpressionInvalid(f"{text!r} is no condition{where}; write e.g. temperature > 20") from None
+        raise ExpressionInvalid(f"{text!r} is no condition{where}; write e.g. {_example(text)}") from None
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name):
+            node.id = stand_ins.get(node.id, node.id)
     names: set[str] = set()
     _check(tree, names, text, 0)
     return Expression(text.strip(), frozenset(names), tree)
+
+
+def _example(text: str) -> str:
+    """A condition that is one, beside a text that is none."""
+    words = {word for word in re.findall(r"[a-z]+", text) if keyword.iskeyword(word)} - {"and", "or", "not"}
+    if words or "-" in text:
+        return "temperature > 20, and in backquotes a name with - or of a word of Python: `agv-1.temperature` > 20"
+    return "temperature > 20"
 
 
 def _check(node: ast.expr, names: set[str], text: str, depth: int) -> None:

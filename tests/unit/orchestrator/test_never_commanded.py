@@ -104,7 +104,7 @@ class Fleet(RuleBasedStateMachine):
 
     # What is carried out.
 
-    def _take(self, outputs: list[Output]) -> None:
+    def take(self, outputs: list[Output]) -> None:
         for output in outputs:
             if isinstance(output, FaultChanged):
                 self.faults[output.fault.id] = output.fault
@@ -187,7 +187,7 @@ class Fleet(RuleBasedStateMachine):
         else:
             body = "".join(f"  - {step}\n" for step in steps)
         self.texts[run_id] = f"version: 1\nname: s\nsteps:\n{body}"
-        self._take(self.make.start(run_id, scenario_of(self.texts[run_id]), {}, by="anna", now=self.now))
+        self.take(self.make.start(run_id, scenario_of(self.texts[run_id]), {}, by="anna", now=self.now))
 
     @rule(told=news)
     def become_known(self, told: list[tuple[str, str, bool, tuple[str, ...]]]) -> None:
@@ -202,7 +202,7 @@ class Fleet(RuleBasedStateMachine):
             FaultFound(robot, source, active, f"{source} it is {lost}", () if source == "silent" else lost)
             for robot, source, active, lost in told
         ]
-        self._take(self.make.told(found, self.now))
+        self.take(self.make.told(found, self.now))
 
     @rule(data=st.data())
     def reach_a_robot(self, data: st.DataObject) -> None:
@@ -214,12 +214,12 @@ class Fleet(RuleBasedStateMachine):
             return
         assert not self._is_kept(request.robot, request.skill), "a robot with a fault is told"
         request.state = "at work"
-        self._take(self.make.accepted(execution_id, self.now))
+        self.take(self.make.accepted(execution_id, self.now))
 
     def _say(self, robot: str) -> None:
         at_work = [key for key, one in self._in("at work") if one.robot == robot and key not in self.unsure]
         self.said[robot] = frozenset(at_work)
-        self._take(self.make.followed(robot, self.said[robot], self.now))
+        self.take(self.make.followed(robot, self.said[robot], self.now))
 
     @rule(robot=robots)
     def say_what_it_is_at(self, robot: str) -> None:
@@ -231,12 +231,12 @@ class Fleet(RuleBasedStateMachine):
         if at_work:
             _, request = data.draw(st.sampled_from(at_work))
             self._say(request.robot)
-            self._take(self.make.told([FaultFound(request.robot, "silent", True, "its values are lost")], self.now))
+            self.take(self.make.told([FaultFound(request.robot, "silent", True, "its values are lost")], self.now))
 
     @rule(robot=robots)
     def lose_what_it_says(self, robot: str) -> None:
         self.said.pop(robot, None)
-        self._take(self.make.followed(robot, frozenset(), self.now))
+        self.take(self.make.followed(robot, frozenset(), self.now))
 
     def _is_heard(self, robot: str) -> bool:
         return robot in self.said or not self.make.is_silent(robot)
@@ -250,7 +250,7 @@ class Fleet(RuleBasedStateMachine):
         if self.make.is_silent(request.robot):
             return
         request.state = "over"
-        self._take(self.make.ended(execution_id, TaskOutcome.TIMED_OUT, self.now, message="never begun"))
+        self.take(self.make.ended(execution_id, TaskOutcome.TIMED_OUT, self.now, message="never begun"))
 
     @rule(
         data=st.data(),
@@ -269,16 +269,16 @@ class Fleet(RuleBasedStateMachine):
             self.unsure.add(execution_id)  # its SkillStatus says so from now on
         if request.robot in self.said:
             self._say(request.robot)
-        self._take(self.make.ended(execution_id, outcome, self.now))
+        self.take(self.make.ended(execution_id, outcome, self.now))
 
     @rule(seconds=st.sampled_from((0.5, 6.0, 15.0, 31.0, 60.0)))
     def pass_time(self, seconds: float) -> None:
         end = self.now + seconds
         while (due := self.make.next_deadline()) is not None and due <= end:
             self.now = max(self.now, due)
-            self._take(self.make.poll(self.now))
+            self.take(self.make.poll(self.now))
         self.now = end
-        self._take(self.make.poll(self.now))
+        self.take(self.make.poll(self.now))
 
     @rule(data=st.data())
     def confirm(self, data: st.DataObject) -> None:
@@ -289,19 +289,19 @@ class Fleet(RuleBasedStateMachine):
                 _, outputs = self.make.confirm(decision_id, robot, "anna", self.now)
             except UaFleetError:
                 return
-            self._take(outputs)
+            self.take(outputs)
 
     @rule(data=st.data())
     def abort(self, data: st.DataObject) -> None:
         if self.make.runs:
-            self._take(self.make.abort(data.draw(st.sampled_from(sorted(self.make.runs))), "enough", "anna", self.now))
+            self.take(self.make.abort(data.draw(st.sampled_from(sorted(self.make.runs))), "enough", "anna", self.now))
 
     @rule(robot=robots)
     def say_that_it_stands(self, robot: str) -> None:
         """A person has looked at a robot that did not stop."""
         if any(fault.source == NOT_HALTED for fault in self.make.faults.active(robot)):
             self._now_stands(lambda one: one.robot == robot)
-            self._take(self.make.fault_cleared(robot, NOT_HALTED, self.now))
+            self.take(self.make.fault_cleared(robot, NOT_HALTED, self.now))
 
     def _now_stands(self, which: Callable[[Request], bool]) -> None:
         for request in self.requests.values():
@@ -319,7 +319,7 @@ class Fleet(RuleBasedStateMachine):
             except UaFleetError:
                 return
             self._now_stands(lambda one: (one.run_id, one.step) == (run_id, step))  # who answers has looked
-            self._take(outputs)
+            self.take(outputs)
 
     @rule()
     def restart(self) -> None:
@@ -328,22 +328,22 @@ class Fleet(RuleBasedStateMachine):
         self.said.clear()
         self.unknown.clear()
         for fault in list(self.faults.values()):
-            self._take(self.make.fault_raised(fault.robot, fault.source, fault.reason, fault.since, fault.capacities))
+            self.take(self.make.fault_raised(fault.robot, fault.source, fault.reason, fault.since, fault.capacities))
             if not fault.active:
-                self._take(self.make.fault_cleared(fault.robot, fault.source, self.now))
-        self._take(self.make.not_heard(ROBOTS, self.now))
+                self.take(self.make.fault_cleared(fault.robot, fault.source, self.now))
+        self.take(self.make.not_heard(ROBOTS, self.now))
         stored: list[tuple[str, Scenario, list[Fact]]] = []
         for run_id, lines in self.journal.items():
             facts = [decode_fact(line) for line in lines]
             if not any(isinstance(fact, RunEnded) for fact in facts):
                 stored.append((run_id, scenario_of(self.texts[run_id]), facts))
-        self._take(self.make.restore_all(stored, self.now, list(self.halts.values())))
+        self.take(self.make.restore_all(stored, self.now, list(self.halts.values())))
         for execution_id in self.make.must_not_begin():
             self._withdraw(execution_id)
 
     @rule()
     def hear_all(self) -> None:
-        self._take(self.make.told([FaultFound(robot, "silent", False, "") for robot in ROBOTS], self.now))
+        self.take(self.make.told([FaultFound(robot, "silent", False, "") for robot in ROBOTS], self.now))
 
     def teardown(self) -> None:
         """Nothing more is said, and nobody answers: limits end every run."""
@@ -352,7 +352,7 @@ class Fleet(RuleBasedStateMachine):
         for _ in range(100):
             for execution_id, request in self._in("on its way"):
                 request.state = "at work"  # nobody knows; the requestor says so in time
-                self._take(self.make.ended(execution_id, TaskOutcome.UNKNOWN, self.now, message="no answer came"))
+                self.take(self.make.ended(execution_id, TaskOutcome.UNKNOWN, self.now, message="no answer came"))
             if not self.make.runs:
                 return
             self.pass_time(100.0)
@@ -378,14 +378,14 @@ def test_a_lost_robot_that_says_that_it_is_at_its_task_is_not_given_up() -> None
     fleet.start([(text, "r2", "go", 0, "retry")], is_parallel=False)
     (execution_id,) = fleet.requests
     fleet.requests[execution_id].state = "at work"
-    fleet._take(fleet.make.accepted(execution_id, fleet.now))
-    fleet._take(fleet.make.told([FaultFound("r2", "silent", True, "its values are lost")], fleet.now))
+    fleet.take(fleet.make.accepted(execution_id, fleet.now))
+    fleet.take(fleet.make.told([FaultFound("r2", "silent", True, "its values are lost")], fleet.now))
     fleet.pass_time(31.0)
-    task = fleet.make.runs["run0"].state.tasks["0"]
-    assert task.phase is TaskPhase.LOST
+    state = fleet.make.runs["run0"].state
+    assert state.phase("0") is TaskPhase.LOST
     fleet.say_what_it_is_at("r2")
     fleet.pass_time(60.0)
-    assert task.phase is TaskPhase.ACCEPTED
+    assert state.in_phase(TaskPhase.ACCEPTED)
     assert fleet.questions == set()
-    fleet._take(fleet.make.ended(execution_id, TaskOutcome.DONE, fleet.now))
+    fleet.take(fleet.make.ended(execution_id, TaskOutcome.DONE, fleet.now))
     assert fleet.make.runs == {}

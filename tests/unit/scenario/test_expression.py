@@ -19,6 +19,10 @@ VALUES: dict[str, Value] = {
     "mode": "night",
     "limit": 5,
     "huge": 10**400,
+    "agv-1.battery": 30,
+    "agv-1.joints[1]": 2.5,
+    "agv": 100,
+    "in": True,
 }
 
 
@@ -37,6 +41,11 @@ def lookup(name: str) -> Value:
         ("temperature >= 21.5 and not gate.open", True),
         ("gate.open or fetch.weight <= limit", True),
         ("18 < ur3.temperature < 20", True),
+        ("`agv-1.battery` < 40 and `in`", True),
+        ("`agv-1`.battery == 30", True),
+        ("`agv-1.joints`[1] + `temperature` == 24", True),
+        ("agv-1 == 99", True),
+        ("mode == '`in`' or mode == \"a `quote`'s\"", False),
         ("18 < ur3.temperature < 19", False),
         ("mode == 'night'", True),
         ('mode != "night"', False),
@@ -162,3 +171,20 @@ def test_whatever_is_well_formed_can_be_read(text: str) -> None:
     expression = parse_expression(text)
     with suppress(ValueUnknown):
         expression.value(lookup)
+
+
+def test_a_name_in_backquotes_is_one_of_the_names() -> None:
+    assert parse_expression("`agv-1.battery` - `in.x` > limit").names == {"agv-1.battery", "in.x", "limit"}
+
+
+@pytest.mark.parametrize("text", ["agv-1.battery < 20", "in", "from == 'dock'", "`agv 1` < 2", "`agv-1.battery < 20"])
+def test_how_to_write_a_name_is_said(text: str) -> None:
+    with pytest.raises(ExpressionInvalid) as refused:
+        parse_expression(text)
+    if "`" not in text:
+        assert "backquotes" in str(refused.value)
+
+
+def test_the_place_is_that_in_the_text() -> None:
+    with pytest.raises(ExpressionInvalid, match="at character 22;"):
+        parse_expression("`agv-1.battery` < 20 )")

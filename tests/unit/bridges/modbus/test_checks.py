@@ -59,6 +59,8 @@ def problems(text: str) -> list[str]:
         + sink(10, "table: holding, address: 7, bit: 3", "Boolean")
         + sink(11, "table: holding, address: 7, bit: 4", "Boolean", "z"),
         HEAD + at(10, "table: holding, address: 7") + sink(11, "table: holding, address: 7"),
+        HEAD.replace("write_words: 10}}", "tls: {ca: a.pem}}, b: {host: 10.0.0.7, unit: 2, tls: {ca: a.pem}}}"),
+        HEAD.replace("write_words: 10}}", "tls: {ca: a.pem}}, b: {host: 10.0.0.7}}"),
         TWO + "      x: {id: 10, type: UInt16, source: {device: b, poll: fast, at: {table: input, address: 1}}}\n",
     ],
 )
@@ -247,6 +249,43 @@ WRONG: list[tuple[str, str, str]] = [
         "two ways to one device",
         HEAD.replace("write_words: 10}}", "write_words: 10}, other: {host: 10.0.0.7}}"),
         "8:bridges.plc.devices: other and plc are one device, 10.0.0.7:502, unit 1",
+    ),
+    (
+        "a second unit without the TLS of the first",
+        HEAD.replace("write_words: 10}}", "port: 802, tls: {ca: plc.pem}}, b: {host: 10.0.0.7, port: 802, unit: 2}}"),
+        (
+            "8:bridges.plc.devices: b and plc share 10.0.0.7:802, and say different things of it; "
+            "give both the same `tls`"
+        ),
+    ),
+    (
+        "a second unit with TLS behind one without",
+        HEAD.replace(
+            "write_words: 10}}", "write_words: 10}, b: {host: 10.0.0.7, port: 502, unit: 2, tls: {ca: a.pem}}}"
+        ),
+        (
+            "8:bridges.plc.devices: b and plc share 10.0.0.7:502, and say different things of it; "
+            "give both the same `tls`"
+        ),
+    ),
+    (
+        "a second unit that trusts another certificate",
+        HEAD.replace("write_words: 10}}", "tls: {ca: a.pem}}, b: {host: 10.0.0.7, unit: 2, tls: {ca: b.pem}}}"),
+        (
+            "8:bridges.plc.devices: b and plc share 10.0.0.7:802, and say different things of it; "
+            "give both the same `tls`"
+        ),
+    ),
+    (
+        "a serial line of two speeds",
+        HEAD.replace(
+            "host: 10.0.0.7,",
+            "serial: {tty: /dev/ttyS0}}, b: {serial: {tty: /dev/ttyS0, baudrate: 9600}, unit: 2,",
+        ),
+        (
+            "8:bridges.plc.devices: b and plc share /dev/ttyS0, and say different things of it; "
+            "give both the same `serial`"
+        ),
     ),
     (
         "unit of a line",

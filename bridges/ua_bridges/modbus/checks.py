@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 from pydantic import ValidationError
 
@@ -159,6 +160,7 @@ def _mirrors(
 
 _WORD = (("request", True), ("accepted", False), ("halt", True))
 _FLAGS = ("busy", "done", "error")
+_SIGNALS = frozenset({*(key for key, _ in _WORD), *_FLAGS})
 
 
 def _skill(
@@ -218,7 +220,24 @@ def _skill(
                 found.append((at, f"there is no {key[:-1]} `{name}`", closest(name, known)))
             else:
                 uses += _use(config, device, at, register, known[name].type, key == "arguments", found, handshake)
+    found += _shared_signals(path, uses)
     return uses
+
+
+def _shared_signals(path: KeyPath, uses: Sequence[_Use]) -> Iterator[Problem]:
+    """Registers of one handshake in which the bridge would take one signal for another, or what it wrote for an answer.
+
+    What the bridge writes for two purposes is a matter of `_overlaps`.
+    """
+    said = [use for use in uses if use.writes or use.path[len(path)] in _SIGNALS]
+    for other, use in combinations(said, 2):
+        bits = {use.register.bit, other.register.bit}
+        if use.register.span != other.register.span or (None not in bits and len(bits) == 2):
+            continue
+        if not (use.writes and other.writes):
+            bit = "" if use.register.bit is None else f" bit {use.register.bit}"
+            text = f"{use.register.span.text}{bit} is `{other.path[-1]}` of this handshake already"
+            yield use.path, text, "one of the two addresses or bits is wrong"
 
 
 def _without_command(skills: Mapping[tuple[str, int], Sequence[tuple[KeyPath, HandshakeSkill]]]) -> Iterator[Problem]:

@@ -78,7 +78,8 @@ class DeviceConfig(
     """One device: a PLC, or one of several on a serial line or behind a gateway."""
 
     host: str | None = None
-    """Address of a device that is reached by TCP; devices with the same host and port share the connection."""
+    """Address of a device that is reached by TCP; devices with the same host and port share the connection, and have
+    the same `tls`."""
     port: int | None = Field(default=None, ge=1, le=65535)
     """TCP port; 502 if left out, 802 with `tls`."""
     tls: TlsConfig | None = None
@@ -155,10 +156,14 @@ class DeviceConfig(
         return self.port or (_TLS_PORT if self.tls is not None else _PORT)
 
     @property
+    def line(self) -> str:
+        """The connection or serial line that it shares with others: `10.0.0.7:502`, `/dev/ttyUSB0`."""
+        return self.serial.tty if self.serial is not None else f"{self.host}:{self.tcp_port}"
+
+    @property
     def where(self) -> str:
         """For people: `10.0.0.7:502, unit 1`."""
-        place = self.serial.tty if self.serial is not None else f"{self.host}:{self.tcp_port}"
-        return f"{place}, unit {self.unit}"
+        return f"{self.line}, unit {self.unit}"
 
 
 class PollConfig(Model, frozen=True):
@@ -286,15 +291,18 @@ class ModbusBridgeConfig(VendorBridgeConfig, frozen=True):
     def _some_device(cls, devices: dict[str, DeviceConfig]) -> dict[str, DeviceConfig]:
         if not devices:
             raise ValueError("name at least one device")
-        lines: dict[str, tuple[str, SerialConfig]] = {}
+        lines: dict[str, tuple[str, SerialConfig | TlsConfig | None]] = {}
         places: dict[str, str] = {}
         for name, device in devices.items():
             if (other := places.setdefault(device.where, name)) != name:
                 raise ValueError(f"{name} and {other} are one device, {device.where}")
-            if device.serial is not None:
-                other, line = lines.setdefault(device.serial.tty, (name, device.serial))
-                if line != device.serial:
-                    raise ValueError(f"{name} and {other} share {line.tty}, and say different things of it")
+            key, settings = ("tls", device.tls) if device.serial is None else ("serial", device.serial)
+            other, known = lines.setdefault(device.line, (name, settings))
+            if settings != known:
+                where = device.line
+                raise ValueError(
+                    f"{name} and {other} share {where}, and say different things of it; give both the same `{key}`"
+                )
         return devices
 
     def device_of(self, name: str | None) -> str | None:

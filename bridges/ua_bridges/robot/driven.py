@@ -12,9 +12,12 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 __all__ = ["Driven", "DrivenByTopics"]
+
+_TRIES_AT_END: Final = 3
+"""So many zeros are tried by `close`: nobody does after it."""
 
 _log = logging.getLogger(__name__)
 
@@ -45,11 +48,16 @@ class Driven:
         self._drive, self._zero, self._timeout_s, self._clock = drive, zero, timeout_s, clock
         self._is_zero = is_zero or self._equals_zero
         self._changed = threading.Condition()
-        self._heard_at: float | None = None
-        """When the last speed was taken; None while stopped."""
+        self._stop_at: float | None = None
+        """When it is stopped unless a speed comes before, or the next try where a zero was not taken; None while it
+        stands."""
+        self._is_followed = False
+        """Whether a zero was heard since it was last stopped, so that speeds are followed."""
         self._is_closed = False
         self.stops = 0
         """How often no speed came in time."""
+        self.failed_stops = 0
+        """How often `drive` did not take the zero that was to stop it."""
         self.ignored = 0
         """Speeds that came before a zero was heard, or after `close`."""
         self._thread = threading.Thread(target=self._look, name="driven", daemon=True)
@@ -57,25 +65,28 @@ class Driven:
 
     @property
     def is_stopped(self) -> bool:
-        """Whether it waits for a zero."""
-        return self._heard_at is None
+        """Whether it stands and waits for a zero. Not while `drive` does not take the zero that is to stop it."""
+        return self._stop_at is None
 
     def take(self, message: Any) -> None:
         """Take a speed; none is followed after `close`."""
         with self._changed:
             self._look_at_time()  # the thread may not have had its turn yet
-            if self._is_closed or (self._heard_at is None and not self._is_zero(message)):
+            if self._is_closed or not (self._is_followed or self._is_zero(message)):
                 self.ignored += 1
                 return
-            self._heard_at = self._clock()
+            self._is_followed, self._stop_at = True, self._clock() + self._timeout_s
             self._changed.notify()
             self._drive(message)
 
     def close(self) -> None:
-        """Stop the robot if it moves, and the thread."""
+        """Stop the robot if it moves, and the thread. Where `drive` fails at each try, the log says so."""
         with self._changed:
             self._is_closed = True
-            self._stop()
+            for _ in range(_TRIES_AT_END):
+                self._stop()
+            if not self.is_stopped:
+                _log.error("the robot could not be stopped before its program ends; stop it by its own means")
             self._changed.notify()
         self._thread.join()
 
@@ -88,24 +99,33 @@ class Driven:
                 self._changed.wait(self._look_at_time())
 
     def _look_at_time(self) -> float | None:
-        """Stop where the time is over; the seconds that are left, None while stopped."""
-        if self._heard_at is None:
+        """Stop where the time is over; the seconds that are left, None while it stands."""
+        if self._stop_at is None:
             return None
-        left_s = self._heard_at + self._timeout_s - self._clock()
+        left_s = self._stop_at - self._clock()
         if left_s > 0:
             return left_s
-        self.stops += 1
+        if self._is_followed:
+            self.stops += 1
         self._stop()
-        return None
+        return None if self.is_stopped else self._timeout_s
 
     def _stop(self) -> None:
-        if self._heard_at is None:
+        """Have it stopped. It counts as moving until `drive` has taken the zero, and that is tried again."""
+        if self._stop_at is None:
             return
-        self._heard_at = None
+        is_first, self._is_followed = self._is_followed, False
         try:
             self._drive(self._zero())
-        except Exception:  # noqa: BLE001 - whatever the robot's programmer has not foreseen, the next one is stopped too
-            _log.exception("the robot could not be stopped")
+        except Exception:  # noqa: BLE001 - whatever the robot's programmer has not foreseen, it is tried again
+            self.failed_stops += 1
+            self._stop_at = self._clock() + self._timeout_s
+            if is_first:  # once an outage: the tries go on as often as every 20 ms
+                _log.exception("the robot could not be stopped, which is tried again; see why its function fails")
+        else:
+            self._stop_at = None
+            if not is_first:
+                _log.warning("the robot is stopped now, which it could not be before")
 
 
 class DrivenByTopics(ABC):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from enum import StrEnum
+from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import AfterValidator, BaseModel, Field, model_validator
@@ -35,6 +36,7 @@ __all__ = [
     "TcpSink",
     "TcpSkillMapping",
     "TcpSource",
+    "address_of",
     "host_and_port",
 ]
 
@@ -45,11 +47,20 @@ def _checked_port(address: str) -> str:
     return address
 
 
+def _checked_peer(text: str) -> str:
+    try:
+        address_of(text)
+    except ValueError:
+        raise ValueError(f"{text[:60]} is no IP address; write that of the robot, e.g. 10.0.0.7") from None
+    return text
+
+
 Address = Annotated[
     str,
     Field(pattern=r"^(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):\d{1,5}$", examples=["10.0.0.7:30002"]),
     AfterValidator(_checked_port),
 ]
+Peer = Annotated[str, AfterValidator(_checked_peer)]
 Terminator = Annotated[str, Field(min_length=1, max_length=4, pattern=r"^[\x00-\x7f]+$")]
 Word = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,63}$")]
 Line = Annotated[str, Field(min_length=1, max_length=4096)]
@@ -66,6 +77,16 @@ def host_and_port(address: str) -> tuple[str, int]:
     """`10.0.0.7:30002` or `[::1]:30002` in its two parts."""
     host, _, port = address.rpartition(":")
     return host.strip("[]"), int(port)
+
+
+def address_of(text: str) -> IPv4Address | IPv6Address:
+    """The address that a text means, however it is written: `0:0::1` is `::1`, `::ffff:10.0.0.7` is 10.0.0.7.
+
+    Raises:
+        ValueError: it is none, e.g. a name.
+    """
+    address = ip_address(text)
+    return (isinstance(address, IPv6Address) and address.ipv4_mapped) or address
 
 
 class Framing(StrEnum):
@@ -107,8 +128,8 @@ class InterpreterLink(
     """Address of the robot, where its program listens."""
     listen: Address | None = None
     """Address to listen on, where the robot's program connects."""
-    peer: str | None = None
-    """With `listen`: the robot's address. Nobody else is let in."""
+    peer: Peer | None = None
+    """With `listen`: the robot's IP address, and no name. Nobody else is let in."""
     framing: Framing = Framing.TERMINATOR
     """How the program knows where a field ends."""
     terminator: Terminator = "\n"
@@ -132,6 +153,10 @@ class InterpreterLink(
             raise ValueError("peer: give the robot's address; only that address may connect")
         if self.connect is not None and self.peer is not None:
             raise ValueError("peer: belongs to `listen`; remove it")
+        if self.listen is not None and self.peer is not None:
+            is_v6 = ":" in host_and_port(self.listen)[0]
+            if is_v6 is not (address_of(self.peer).version == 6):
+                raise ValueError(f"peer: {self.peer} cannot reach {self.listen}; write both as IPv4, or both as IPv6")
         return self
 
 

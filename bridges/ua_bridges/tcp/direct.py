@@ -1,7 +1,7 @@
 """Commands in the robot's own language, and the lines that it answers. Pure.
 
 A line rarely says which command it answers, so one command that is answered is under way at a time. After a timeout the
-connection is made anew: a late answer cannot be taken for the next one's.
+connection is made anew, unless all lines have `{number}`: a late answer cannot be taken for the next one's.
 """
 
 from __future__ import annotations
@@ -60,8 +60,9 @@ class _Command(NamedTuple):
 
     @property
     def is_numbered(self) -> bool:
-        """Whether an answer says which execution it means."""
-        return self.done is not None and NUMBER in self.done.names
+        """Whether each line that may answer it says which execution it means."""
+        lines = [line for line in (self.done, self.failed, self.halted) if line is not None]
+        return all(NUMBER in line.names for line in lines)
 
 
 def _compile(skill: TcpSkill, via: DirectSkill, link: DirectLink) -> _Command:
@@ -115,6 +116,8 @@ class DirectSession:
             for skill in skills
             if skill.via is not None and skill.via.direct is not None
         }
+        self._is_numbered = all(command.is_numbered for command in self._commands.values())
+        """Whether no late answer can be taken for that of another command, of the same skill or another one."""
         self._own = [
             _Source(each, each.side.direct, link)
             for each in data
@@ -287,7 +290,7 @@ class DirectSession:
             self._executing.end(execution_id, ended)
         if self._awaiting is not None and self._awaiting[1].execution_id == execution_id:
             command, self._awaiting = self._awaiting[0], None
-            if not command.is_numbered:
+            if not self._is_numbered:
                 self._reset(f"{command.skill.label} is over without an answer, which may still come")
 
     def inform(self, topic: Any, values: Sequence[Any]) -> bool:

@@ -78,7 +78,9 @@ class TcpDriver(Driver):
             link.start(self._direct)
         if (program := config.interpreter) is not None:
             who = f"{self._name} (interpreter)"
-            self._interpreter_link = link = Link(who, offenders, program.connect, program.listen, program.peer)
+            self._interpreter_link = link = Link(
+                who, offenders, program.connect, program.listen, program.peer, inlet.put
+            )
             sources = [each for each in (*self._sources, *self._faults) if not _is_sent_direct(each)]
             self._interpreter = InterpreterSession(
                 program, sources, inlet.put, link.write, link.reset, link.misbehaves, now

@@ -13,8 +13,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final, Protocol
 
-from ua_bridges.tcp.config import host_and_port
+from ua_bridges.tcp.config import address_of, host_and_port
+from ua_bridges.tcp.data import Put
+from ua_fleet.bridge.driver import Dropped
 from ua_fleet.bridge.offenders import Offenders
+from ua_fleet.counters import Drop
 
 __all__ = ["APPEARS_S", "Link", "Session"]
 
@@ -28,6 +31,8 @@ CONNECT_S: Final = 5.0
 """A connection that is not there by then is tried anew."""
 MOST_UNSENT: Final = 1 << 20
 """Bytes that a robot may leave unread."""
+MOST_STRANGERS: Final = 16
+"""Addresses that are told when they were refused; what comes from more of them is counted."""
 _READ: Final = 65_536
 _KEEP_ALIVE: Final = ((socket.TCP_KEEPIDLE, 2), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3))
 """A robot whose cable is out is noticed within five seconds when nothing is sent; else within _UNSENT_MS of that."""
@@ -66,12 +71,16 @@ class Link:
         connect: str | None,
         listen: str | None = None,
         peer: str | None = None,
+        put: Put = lambda _: None,
     ) -> None:
-        """Either `connect` or `listen` is given, as `host:port`; `peer` alone may connect.
+        """Either `connect` or `listen` is given, as `host:port`; `peer` alone, an IP address, may connect.
 
-        `offenders` has the connection by the name `who` while its robot is put aside.
+        `offenders` has the connection by the name `who` while its robot is put aside. `put` counts who is refused.
         """
-        self._who, self._offenders, self._peer = who, offenders, peer
+        self._who, self._offenders, self._put, self._peer = who, offenders, put, peer
+        self._peer_address = address_of(peer) if peer is not None else None
+        self._strangers: set[str] = set()
+        self._refusals, self._last_refused = 0, ""
         self._address = host_and_port(connect or listen or "")
         self._listens = listen is not None
         self._session: Session | None = None
@@ -87,8 +96,14 @@ class Link:
         """Which of the robot's addresses is tried next; the one that it was reached at is the first again."""
         self._is_stopped = False
         self._said, self._mistake = "not started", ""
-        self.detail = "not started"
-        """What it is connected to, or why not and what to do."""
+
+    @property
+    def detail(self) -> str:
+        """What it is connected to, or why not and what to do; and how many others were refused."""
+        if not self._refusals:
+            return self._said
+        last = f"{self._refusals}, the last from {self._last_refused}"
+        return f"{self._said}; connections refused, since only {self._peer} may connect: {last}"
 
     # Life
 
@@ -143,7 +158,6 @@ class Link:
 
     def _say(self, detail: str) -> None:
         """One line for each change."""
-        self.detail = detail
         if detail != self._said:
             self._said = detail
             logger.debug("%s: %s", self._who, detail)  # the bridge says what it comes to
@@ -237,9 +251,9 @@ class Link:
             accepted, address = self._listener.accept()
         except OSError:
             return
-        if address[0] != self._peer:
-            logger.warning("%s: refused a connection from %s; only %s may connect", self._who, address[0], self._peer)
+        if address_of(address[0]) != self._peer_address:
             accepted.close()
+            self._refuse(address[0])
             return
         if self._offenders.is_aside(self._who, time.monotonic()):
             accepted.close()
@@ -250,6 +264,14 @@ class Link:
         self._prepare(accepted)
         self._socket = accepted
         self._up()
+
+    def _refuse(self, stranger: str) -> None:
+        """Count a connection that is none of the robot's. The bridge says so once for each address, of some."""
+        self._refusals, self._last_refused = self._refusals + 1, stranger
+        if len(self._strangers) < MOST_STRANGERS:
+            self._strangers.add(stranger)
+        told = f"{self._who}: refused a connection from {stranger}; only {self._peer} may connect"
+        self._put(Dropped(Drop.UNKNOWN_SOURCE, detail=told if stranger in self._strangers else ""))
 
     @staticmethod
     def _prepare(made: socket.socket) -> None:

@@ -4,31 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from ua_fleet.config.load import load_content
-from ua_fleet.errors import ConfigInvalid
+from tests.unit.bridges.modbus.plc_fleet import HEAD, problems
 
-HEAD = """\
-version: 1
-pubsub: {security: none}
-bridges:
-  plc:
-    kind: modbus
-    space: 300
-    status_id: 1
-    devices: {plc: {host: 10.0.0.7, holding_registers: [[0, 99]], write_words: 10}}
-  two:
-    kind: modbus
-    space: 301
-    status_id: 2
-    devices: {a: {host: 10.0.0.8}, b: {host: 10.0.0.9, order: CDAB}}
-    polls: {fast: {period_s: 0.1}}
-robots:
-  press:
-    bridge: plc
-    skill_status_id: 3
-    data:
-"""
-"""19 lines; what a test adds begins on line 20."""
 TWO = HEAD.replace("bridge: plc", "bridge: two")
 
 
@@ -38,14 +15,6 @@ def at(number: int, register: str, kind: str = "UInt16", name: str = "x") -> str
 
 def sink(number: int, register: str, kind: str = "UInt16", name: str = "y") -> str:
     return f"      {name}: {{id: {number}, type: {kind}, origin: server, sink: {{at: {{{register}}}}}}}\n"
-
-
-def problems(text: str) -> list[str]:
-    try:
-        load_content(text.encode(), "F", {})
-    except ConfigInvalid as invalid:
-        return [str(problem).removeprefix("F:") for problem in invalid.problems]
-    return []
 
 
 @pytest.mark.parametrize(
@@ -59,6 +28,8 @@ def problems(text: str) -> list[str]:
         + sink(10, "table: holding, address: 7, bit: 3", "Boolean")
         + sink(11, "table: holding, address: 7, bit: 4", "Boolean", "z"),
         HEAD + at(10, "table: holding, address: 7") + sink(11, "table: holding, address: 7"),
+        HEAD.replace("write_words: 10}}", "tls: {ca: a.pem}}, b: {host: 10.0.0.7, unit: 2, tls: {ca: a.pem}}}"),
+        HEAD.replace("write_words: 10}}", "tls: {ca: a.pem}}, b: {host: 10.0.0.7}}"),
         TWO + "      x: {id: 10, type: UInt16, source: {device: b, poll: fast, at: {table: input, address: 1}}}\n",
     ],
 )
@@ -249,6 +220,43 @@ WRONG: list[tuple[str, str, str]] = [
         "8:bridges.plc.devices: other and plc are one device, 10.0.0.7:502, unit 1",
     ),
     (
+        "a second unit without the TLS of the first",
+        HEAD.replace("write_words: 10}}", "port: 802, tls: {ca: plc.pem}}, b: {host: 10.0.0.7, port: 802, unit: 2}}"),
+        (
+            "8:bridges.plc.devices: b and plc share 10.0.0.7:802, and say different things of it; "
+            "give both the same `tls`"
+        ),
+    ),
+    (
+        "a second unit with TLS behind one without",
+        HEAD.replace(
+            "write_words: 10}}", "write_words: 10}, b: {host: 10.0.0.7, port: 502, unit: 2, tls: {ca: a.pem}}}"
+        ),
+        (
+            "8:bridges.plc.devices: b and plc share 10.0.0.7:502, and say different things of it; "
+            "give both the same `tls`"
+        ),
+    ),
+    (
+        "a second unit that trusts another certificate",
+        HEAD.replace("write_words: 10}}", "tls: {ca: a.pem}}, b: {host: 10.0.0.7, unit: 2, tls: {ca: b.pem}}}"),
+        (
+            "8:bridges.plc.devices: b and plc share 10.0.0.7:802, and say different things of it; "
+            "give both the same `tls`"
+        ),
+    ),
+    (
+        "a serial line of two speeds",
+        HEAD.replace(
+            "host: 10.0.0.7,",
+            "serial: {tty: /dev/ttyS0}}, b: {serial: {tty: /dev/ttyS0, baudrate: 9600}, unit: 2,",
+        ),
+        (
+            "8:bridges.plc.devices: b and plc share /dev/ttyS0, and say different things of it; "
+            "give both the same `serial`"
+        ),
+    ),
+    (
         "unit of a line",
         HEAD.replace("host: 10.0.0.7", "serial: {tty: /dev/ttyS0}, unit: 0"),
         "8:bridges.plc.devices.plc: unit: on a serial line 1 to 247",
@@ -273,86 +281,3 @@ def test_mistake_within_a_source_is_told_alone() -> None:
 @pytest.mark.parametrize(("text", "problem"), [each[1:] for each in WRONG], ids=[each[0] for each in WRONG])
 def test_each_mistake_is_said_with_its_line(text: str, problem: str) -> None:
     assert problem in problems(text)
-
-
-SKILL = """\
-    skills:
-      close:
-        id: 20
-        arguments: {force: {type: Double}}
-        results: {way: {type: Double}}
-        via:
-          request: {table: holding, address: 10}
-          accepted: {table: input, address: 10}
-          busy: {table: discrete, address: 0}
-          done: {table: discrete, address: 1}
-          error: {table: discrete, address: 2}
-          arguments: {force: {table: holding, address: 11, type: uint16, scale: 0.1}}
-          results: {way: {table: input, address: 11, type: float32}}
-"""
-SKILLED = HEAD.replace("    data:\n", "") + SKILL
-
-
-def test_skill_that_is_right() -> None:
-    assert problems(SKILLED) == []
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "problem"),
-    [
-        (
-            "request: {table: holding",
-            "request: {table: input",
-            "via.request.table: input registers cannot be written; use holding or coil",
-        ),
-        (
-            "request: {table: holding, address: 10",
-            "request: {table: holding, address: 10, type: int32",
-            "via.request: the number of an execution is a whole word; write `type: uint16`",
-        ),
-        (
-            "force: {table",
-            "forec: {table",
-            "via.arguments: the argument `force` has no register; add it under `arguments`",
-        ),
-        (
-            "force: {table: holding, address: 11",
-            "force: {table: holding, address: 10",
-            "via.arguments.force: holding 10 is written by",
-        ),
-        (
-            "way: {table: input, address: 11",
-            "way: {table: coil, address: 11",
-            "via.results.way: type: a coil is a bool",
-        ),
-        ("request: {table: holding, address: 10}", "code: 3", "via.request: `request` is missing"),
-        ("          arguments:", "          code: 3\n          arguments:", "via: command and code belong together"),
-        (
-            "          arguments:",
-            "          command: {table: coil, address: 20}\n          code: 7\n          arguments:",
-            "via.command: bool is no Int64",
-        ),
-        (
-            "          accepted:",
-            "          command: {table: holding, address: 9, type: uint16}\n          code: 70000\n          accepted:",
-            "via.code: 70000 does not fit into uint16",
-        ),
-    ],
-)
-def test_skill_that_is_wrong(old: str, new: str, problem: str) -> None:
-    assert old in SKILLED
-    found = problems(SKILLED.replace(old, new, 1))
-    assert any(problem in each for each in found), found
-
-
-def test_skills_of_one_handshake_share_its_registers() -> None:
-    second = SKILL.replace("    skills:\n", "").replace("close:", "open:").replace("id: 20", "id: 21")
-    shared = (SKILL + second).replace("type: float32", "type: float32")
-    assert problems(SKILLED.replace(SKILL, shared)) == []
-    command = "          command: {table: holding, address: 20}\n          code: 1\n"
-    found = problems(SKILLED.replace(SKILL, SKILL + command + second))
-    text = "`command` is missing; robots.press.skills.close.via has the same `request` and leaves its code there"
-    assert found == [f"38:robots.press.skills.open.via: {text}; give each of them its `code`"]
-    apart = second.replace("request: {table: holding, address: 10}", "request: {table: holding, address: 30}")
-    found = problems(SKILLED.replace(SKILL, SKILL + apart))
-    assert any("via.arguments.force: holding 11 is written by" in each for each in found), found

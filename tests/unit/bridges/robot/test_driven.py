@@ -98,6 +98,68 @@ def test_a_function_that_fails_is_told_to_stop_the_next_time_too() -> None:
     watch.close()
 
 
+class Motor:
+    """Takes speeds, but does not take the next zeros."""
+
+    def __init__(self) -> None:
+        self.speed, self.failures = 0.0, 0
+        self.stopped = threading.Event()
+
+    def drive(self, speed: float) -> None:
+        if not speed and self.failures:
+            self.failures -= 1
+            raise OSError("the motor board did not take it")
+        self.speed = speed
+        if not speed:
+            self.stopped.set()
+
+
+def test_a_stop_that_fails_is_tried_until_it_went_through(caplog: pytest.LogCaptureFixture) -> None:
+    motor = Motor()
+    watch = Driven(motor.drive, lambda: 0.0, TIMEOUT_S)
+    watch.take(0.0)
+    motor.stopped.clear()
+    motor.failures = 3
+    watch.take(0.5)
+    assert motor.stopped.wait(PATIENCE_S)
+    watch.close()
+    assert (motor.speed, watch.is_stopped, watch.stops, watch.failed_stops) == (0.0, True, 1, 3)
+    told = [record.message for record in caplog.records]
+    assert [text.split(",")[0] for text in told] == ["the robot could not be stopped", "the robot is stopped now"]
+
+
+def test_it_counts_as_moving_and_follows_nothing_until_the_zero_went_through() -> None:
+    now = 0.0
+    motor = Motor()
+    watch = Driven(motor.drive, lambda: 0.0, 100.0, clock=lambda: now)
+    watch.take(0.0)
+    watch.take(0.5)
+    motor.failures = 2
+    for _ in range(2):
+        now += 100.0
+        watch.take(0.4)
+        assert (motor.speed, watch.is_stopped, watch.stops) == (0.5, False, 1)
+    assert (watch.ignored, watch.failed_stops) == (2, 2)
+    watch.take(0.0)
+    watch.take(0.2)
+    assert motor.speed == 0.2, "a zero that is heard stops it, too"
+    watch.close()
+
+
+@pytest.mark.parametrize(("failures", "speed", "told"), [(1, 0.0, "stopped now"), (9, 0.5, "before its program ends")])
+def test_closing_stops_a_robot_whose_function_fails_at_first(
+    failures: int, speed: float, told: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    motor = Motor()
+    watch = Driven(motor.drive, lambda: 0.0, PATIENCE_S)
+    watch.take(0.0)
+    watch.take(0.5)
+    motor.failures = failures
+    watch.close()
+    assert (motor.speed, watch.is_stopped) == (speed, not speed)
+    assert told in caplog.text
+
+
 def test_a_time_that_is_none_is_refused() -> None:
     with pytest.raises(ValueError, match="write that of robot_timeout_ms"):
         Driven(print, float, 0.0)

@@ -32,6 +32,18 @@ def test_a_file_without_mistakes() -> None:
         ),
         (
             INTERPRETER,
+            '    interpreter: {listen: "0.0.0.0:4000", peer: localhost}\n',
+            "bridges.cell.interpreter.peer",
+            "localhost is no IP address; write that of the robot",
+        ),
+        (
+            INTERPRETER,
+            '    interpreter: {listen: "[::]:4000", peer: "::ffff:10.0.0.7"}\n',
+            "bridges.cell.interpreter",
+            "peer: ::ffff:10.0.0.7 cannot reach [::]:4000; write both as IPv4, or both as IPv6",
+        ),
+        (
+            INTERPRETER,
             '    interpreter: {connect: "127.0.0.1"}\n',
             "bridges.cell.interpreter.connect",
             "",

@@ -26,6 +26,13 @@ from ua_fleet.errors import RobotBusy, RobotOffline, SkillRejected
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode, Variant
 
+NUMBERED = (
+    ("{angle}, {name})", "{angle}, {name}, {number})"),
+    ("OK {reached}", "OK {number} {reached}"),
+    ("ERR {message}", "ERR {number} {message}"),
+    ('"STOPPED"', '"STOPPED {number}"'),
+)
+"""Every line of `move` says which execution it means."""
 ID, OTHER = bytes(range(16)), bytes(range(16, 32))
 SPEED = Topic(0, 2, 12)
 
@@ -33,9 +40,8 @@ SPEED = Topic(0, 2, 12)
 class Robot:
     """A session, and the robot's side of it."""
 
-    def __init__(self, *, connected: bool = True, numbered: bool = False) -> None:
-        number = (("{angle}, {name})", "{angle}, {name}, {number})"), ("OK {reached}", "OK {number} {reached}"))
-        config = fleet(*number) if numbered else fleet()
+    def __init__(self, *replaced: tuple[str, str], connected: bool = True) -> None:
+        config = fleet(*replaced)
         bridge = config.bridges["cell"]
         assert isinstance(bridge, TcpBridgeConfig)
         assert bridge.direct is not None
@@ -177,8 +183,8 @@ def test_a_late_answer_is_nobody_elses() -> None:
     assert "may still come" in robot.resets[0]
 
 
-def test_with_a_number_the_connection_stays() -> None:
-    robot = Robot(numbered=True)
+def test_where_each_line_has_a_number_the_connection_stays() -> None:
+    robot = Robot(*NUMBERED)
     execution = robot.execute("move", 0.5, "left")
     number = robot.sent[0].split(b", ")[2].rstrip(b")\n").decode()
     robot.says("OK 1 0.4\n")
@@ -188,8 +194,26 @@ def test_with_a_number_the_connection_stays() -> None:
     robot.after(5.0)
     assert len(robot.facts(ExecutionForgotten)) == 1
     assert robot.resets == []
-    robot.says(f"OK {number} 0.4\n")
+    robot.execute("move", 0.5, "left", execution_id=OTHER)
+    for late in ("OK {number} 0.4\n", "ERR {number} in its way\n", "STOPPED {number}\n"):
+        robot.says(late.format(number=number))
     assert robot.facts(ExecutionEnded) == []
+
+
+@pytest.mark.parametrize("without", NUMBERED[1:])
+def test_a_line_without_a_number_could_be_taken_for_the_next_ones(without: tuple[str, str]) -> None:
+    robot = Robot(*(each for each in NUMBERED if each != without))
+    robot.session.halt(robot.execute("move", 0.5, "left"), robot.now)
+    robot.after(5.0)
+    assert [reset.split(", ")[1] for reset in robot.resets] == ["which may still come"]
+
+
+def test_a_late_answer_with_a_number_could_be_taken_for_another_skills() -> None:
+    home = ('home()\\n"', 'home()\\n", done: "HOME", failed: "ERR {message}"')
+    robot = Robot(*NUMBERED, home)
+    robot.execute("move", 0.5, "left")
+    robot.after(10.0)
+    assert len(robot.resets) == 1, "`ERR 5 in its way` would be home's failure, too"
 
 
 def test_a_lost_connection_leaves_it_unknown() -> None:

@@ -55,6 +55,8 @@ class KnownSkill:
     """Methods and Variables of the skill, by their names."""
     arguments: dict[str, ua.NodeId]
     """Variables that say what there is to say of its arguments, by their names."""
+    said: dict[ua.NodeId, Any]
+    """What stands below Start: which arguments there are, and their defaults."""
 
 
 class SkillNode(NamedTuple):
@@ -105,8 +107,15 @@ async def read_skills(batches: Batches, skills: Sequence[SkillNode]) -> list[Kno
             continue  # it was unregistered meanwhile
         one = _known(skill, parts, _value(timeout) / 1000, state, told, _text(_value(text)))
         one.arguments.update({name: below[name] for name in one.types if name in below})
+        one.said.update({node: _value(told[name]) for name, node in below.items()})
         known.append(one)
     return known
+
+
+async def is_as_known(batches: Batches, known: KnownSkill) -> bool:
+    """Whether a skill has the arguments and defaults still that it had when it was read."""
+    said = await batches.read(list(known.said))
+    return [_value(one) for one in said] == list(known.said.values())
 
 
 def _known(
@@ -122,7 +131,7 @@ def _known(
     is_heard = state.StatusCode is None or state.StatusCode.value == 0
     shown = _text(_value(state)) if is_heard and _value(state) is not None else None
     info = SkillInfo(skill.robot, skill.name, skill.node.to_string(), description, tuple(arguments), timeout_s, shown)
-    return KnownSkill(info, members["Start"], types, members, {})
+    return KnownSkill(info, members["Start"], types, members, {}, {})
 
 
 def _arguments(told: dict[str, ua.DataValue], types: dict[str, ua.VariantType]) -> Iterator[SkillArgument]:

@@ -27,7 +27,15 @@ from asyncua.common.subscription import Subscription
 
 from ua_fleet.client.batches import Batches
 from ua_fleet.client.convert import plain_value
-from ua_fleet.client.skill_nodes import KnownSkill, SkillArgument, SkillInfo, SkillNode, read_skills, skill_nodes
+from ua_fleet.client.skill_nodes import (
+    KnownSkill,
+    SkillArgument,
+    SkillInfo,
+    SkillNode,
+    is_as_known,
+    read_skills,
+    skill_nodes,
+)
 from ua_fleet.client.subscriptions import subscribe
 from ua_fleet.client.translated import NodeNotFound, translated
 from ua_fleet.errors import AccessRefused, NotConnected, RobotOffline, SkillFailed, SkillRejected, SkillTimeout
@@ -211,9 +219,7 @@ class SkillCalls:
     async def start(self, robot: str, skill: str, arguments: Mapping[str, Any]) -> SkillExecution:
         """See FleetClient.start_skill."""
         with translated(self._endpoint, f"{robot}.{skill}: "):
-            known = self._known.get((robot, skill))
-            if known is None:
-                known = self._known[robot, skill] = await self._read(robot, skill)
+            known = await self._as_it_is(robot, skill)
             values = _values(known, arguments)
             await self._subscribe()
             object_id = ua.NodeId.from_string(known.info.node_id)
@@ -230,9 +236,7 @@ class SkillCalls:
     async def control(self, robot: str, skill: str, method: str) -> None:
         """See FleetClient.halt_skill, suspend_skill and resume_skill."""
         with translated(self._endpoint, f"{robot}.{skill}: "):
-            known = self._known.get((robot, skill))
-            if known is None:
-                known = self._known[robot, skill] = await self._read(robot, skill)
+            known = await self._as_it_is(robot, skill)
             object_id = ua.NodeId.from_string(known.info.node_id)
             request = ua.CallMethodRequest(object_id, known.members[method], [])
             (result,) = await self._client.uaclient.call([request])
@@ -283,6 +287,13 @@ class SkillCalls:
 
             await subscribe(self._client, self, 50, begin)
             self._is_subscribed = True
+
+    async def _as_it_is(self, robot: str, skill: str) -> KnownSkill:
+        """A skill; read anew where it was offered anew since, perhaps with its arguments in another order."""
+        known = self._known.get((robot, skill))
+        if known is None or not await is_as_known(self._batches, known):
+            known = self._known[robot, skill] = await self._read(robot, skill)
+        return known
 
     async def _read(self, robot: str, skill: str) -> KnownSkill:
         node = await self._find(f"Fleet/Robots/{robot}/Skills/{skill}")

@@ -300,9 +300,9 @@ class DataItem(Item):
             self.due = now + self.interval_s
             self._look_at(value)
             return
-        if self._held is None:
+        was_held, self._held = self._held, value
+        if was_held is None:  # known as one that holds before it is listed: the list may be made anew
             self.owner.hold(self)
-        self._held = value
 
     def sample(self, now: float) -> None:
         """Look at the value that was there when a sample was due, if one is."""

@@ -239,6 +239,8 @@ class SessionServices:
         session.refuse_requests(StatusCodes.BadSessionClosed)
         user = session.user
         for subscription in list(session.subscriptions.values()):
+            if session.subscriptions.get(subscription.id) is not subscription:
+                continue  # while another one was ended, it has ended too, or another session has taken it over
             kept = user is not None and self._subscriptions.orphans(user) < self._limits.subscriptions_per_session
             if delete_subscriptions or not kept or subscription.owner.anonymous:
                 await self._subscriptions.delete(subscription)

@@ -14,6 +14,7 @@ from typing import Any, Final
 from asyncua import ua
 
 from ua_fleet.endpoint.hardened_server import HardenedServer
+from ua_fleet.endpoint.sessions import current_session
 from ua_fleet.endpoint.stack import ObjectIds, Refusal, StatusCodes, ns0
 from ua_fleet.endpoint.users import Role
 from ua_fleet.errors import UaFleetError
@@ -100,7 +101,8 @@ class ConditionMethods:
         fault_id = self._fault(owner, event_id)
         if self._view.is_acknowledged(fault_id):
             raise Refusal(StatusCodes.BadConditionBranchAlreadyAcked, f"{fault_id} is acknowledged")
-        self._view.comment(fault_id, _text_of(comment) or "", by, tell=False)
+        if (said := _text_of(comment)) is not None:
+            self._view.comment(fault_id, said, by, tell=False)
         self._scenarios.fault_reports.acknowledge(fault_id, by)
         return []
 
@@ -109,7 +111,9 @@ class ConditionMethods:
         by, alarm = caller().name, self._nodes.condition_of(owner)
         if alarm is not None:
             return self._do(alarm, lambda now: alarm.add_comment(event_id.Value, _text_of(comment), by, now))
-        self._view.comment(self._fault(owner, event_id), _text_of(comment) or "", by, tell=True)
+        fault_id = self._fault(owner, event_id)
+        if (said := _text_of(comment)) is not None:
+            self._view.comment(fault_id, said, by, tell=True)
         return []
 
     async def _enable(self, owner: ua.NodeId) -> Answer:
@@ -132,7 +136,7 @@ class ConditionMethods:
         """ConditionRefresh and ConditionRefresh2 (5.5.7, 5.5.8): to the caller's own subscription alone."""
         number = int(subscription_id.Value)
         subscription: Any = self._server.iserver.subscription_service.subscriptions.get(number)
-        if subscription is None or subscription.owner != caller():
+        if subscription is None or subscription.session is not current_session.get():
             raise Refusal(StatusCodes.BadSubscriptionIdInvalid)
         item_id = None if item is None else int(item.Value)
         if item_id is not None and subscription.items.get(item_id) is None:

@@ -167,3 +167,23 @@ async def test_the_command_line_offers_by_hand_and_by_a_program(yard: Yard) -> N
         process.terminate()
         assert await asyncio.to_thread(process.wait, 60) == 130
         process.close()
+
+
+async def test_a_skill_that_is_offered_anew_is_started_with_its_arguments_as_they_are_now(yard: Yard) -> None:
+    """Start takes them by their places: a client that is connected since before must not have them in an old order."""
+    got: list[dict[str, Any]] = []
+
+    async def work(request: SkillRequest) -> dict[str, Any]:
+        got.append(dict(request.arguments))
+        return {}
+
+    asked = {"x": 1.0, "y": 2.0, "z": 3.0}
+    async with yard.server() as running, connected(running) as engineer, connected(running, OPERATOR) as other:
+        for names in (("x", "y"), ("y", "x"), ("x", "y", "z")):
+            arguments = {name: {"type": "Double"} for name in names}
+            definition = {"needs": ["move"], "arguments": arguments, "results": {}, "timeout_s": 10}
+            async with engineer.offer_skill("porter", "go", definition) as offered:
+                serving = asyncio.ensure_future(offered.serve(work))
+                await other.call_skill("porter", "go", **{name: asked[name] for name in names})
+                serving.cancel()
+    assert got == [{"x": 1.0, "y": 2.0}, {"x": 1.0, "y": 2.0}, asked]

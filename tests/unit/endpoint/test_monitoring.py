@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from datetime import UTC, datetime
 from typing import Any
 
@@ -236,3 +237,25 @@ def test_several_are_told_the_bytes_that_one_is_told(content: Any, wanted: ua.Ti
         assert told.encode(held.value, 10_000, misfit) == expected
         assert (held.encoded is not None) == (watchers > 1 and len(expected) < 1_000)
     assert told.encode(held.value, 3, misfit) == told.encode(ua.DataValue(ua.Variant(content), GOOD), 3, misfit)
+
+
+def test_a_value_waits_for_its_sample_while_the_list_of_samples_is_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Items that were removed leave entries in that list; once they are many, it is made of the items that hold."""
+    now = 1000.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    items: Any = MonitoredItems(SPACE, lambda *_: None)
+
+    class Holder(Owner):
+        def hold(self, item: DataItem) -> None:
+            items.hold(item)
+
+    one: Any = item(interval_s=1.0)
+    one.owner = Holder()
+    items._monitored_items[one.id] = one
+    for number in range(100):  # values of other items, which are gone since
+        items._samples.append((now + 0.5, 1000 + number))
+    one.changed(one.id, value(1.0))
+    one.changed(one.id, value(2.0))
+    now += 1.0
+    items.sample(now)
+    assert one.last.Value.Value == 2.0

@@ -208,6 +208,8 @@ class Actions:
             now,
             is_own=event.sender is OWN,
         )
+        if effects is None and (target := self._responder.halt_of(message, verified=event.verified)) is not None:
+            self._halt_unrecorded(target, message.correlation_data or b"")
         self._do(effects or (), now)
         self._settle(now)
 
@@ -421,15 +423,34 @@ class Actions:
             )
         self._record(request_id, Said.END, partial(self._responder.ended, request_id, report), now)
 
+    def _halt_unrecorded(self, target: Target, request_id: bytes) -> None:
+        """Have a robot stop though the disk takes no record of that; the request is repeated until it has an answer."""
+        try:
+            execution = self._halted_by(target, request_id)
+        except SkillRejected:
+            return
+        try:
+            self._tell_driver(HALT_TARGETS, execution)
+        except Exception as error:  # noqa: BLE001 - it is told again
+            self._failed("the driver failed while it halted an execution", error)
+
+    def _halted_by(self, target: Target, request_id: bytes) -> skill_journal.RecordedExecution:
+        known = self._responder.executions()
+        execution = next((one for one in known if is_halted_by(one.execution_id, request_id)), None)
+        return self._under_way(execution, target)
+
     def _controlled(self, request: skill_journal.RecordedExecution) -> skill_journal.RecordedExecution:
         """The execution that a request to halt, suspend or resume is about; SkillRejected where it is not under way."""
         if request.target.action_target_id & CONTROL_BITS == HALT_TARGETS:
-            known = self._responder.executions()
-            execution = next((one for one in known if is_halted_by(one.execution_id, request.execution_id)), None)
-        else:
-            (named,) = unpack(request.content)
-            execution = self._responder.execution(named.value)
-        target = request.target._replace(action_target_id=request.target.action_target_id & ~CONTROL_BITS)
+            return self._halted_by(request.target, request.execution_id)
+        (named,) = unpack(request.content)
+        return self._under_way(self._responder.execution(named.value), request.target)
+
+    @staticmethod
+    def _under_way(
+        execution: skill_journal.RecordedExecution | None, control: Target
+    ) -> skill_journal.RecordedExecution:
+        target = control._replace(action_target_id=control.action_target_id & ~CONTROL_BITS)
         # Another target may be for others to command.
         if execution is None or execution.target != target or execution.report.state not in OPEN:
             raise SkillRejected("that execution is not under way")

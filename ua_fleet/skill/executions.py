@@ -36,6 +36,8 @@ __all__ = [
     "RequestorName",
     "Target",
     "halt_id",
+    "is_control",
+    "is_halt",
     "is_halted_by",
     "is_same_content",
     "named_results",
@@ -54,6 +56,16 @@ RESUME_TARGETS: Final = 0xA000
 """The same to have them go on."""
 CONTROL_BITS: Final = HALT_TARGETS | SUSPEND_TARGETS | RESUME_TARGETS
 """What of an ActionTargetId says which of these it is; none of them: a target that executes."""
+
+
+def is_control(target: Target) -> bool:
+    """Whether it is for what is under way: to halt, suspend or resume it."""
+    return bool(target.action_target_id & CONTROL_BITS)
+
+
+def is_halt(target: Target) -> bool:
+    """Whether executions of the target without that bit are halted there."""
+    return target.action_target_id & CONTROL_BITS == HALT_TARGETS
 
 
 _NUMBER_BYTES: Final = 2

@@ -44,14 +44,14 @@ from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, StorageUnavailable
 from ua_fleet.skill.exchanges import Exchanges, Respond, answer
 from ua_fleet.skill.executions import (
-    CONTROL_BITS,
     EXECUTION_ID_BYTES,
-    HALT_TARGETS,
     OPEN,
     ExecutionReport,
     ExecutionState,
     RequestorName,
     Target,
+    is_control,
+    is_halt,
     is_same_content,
     pack,
 )
@@ -252,6 +252,15 @@ class ActionResponder:
                 break  # what was journaled before has to be done and told
         return effects
 
+    def halt_of(self, message: ActionMessage, *, verified: bool) -> Target | None:
+        """The target of a request to halt that may be carried out, also where it cannot be recorded; else None."""
+        name, target = RequestorName.parse(message.requestor_id), _target_of(message)
+        if name is None or name.space not in self._allowed or (self._must_be_verified and not verified):
+            return None
+        asks = message.is_request and message.action_state == ActionState.EXECUTING and message.timeout_hint_ms
+        is_offered = self._offers.get(target) is not None and not self._offers.is_hidden(target, name.space)
+        return target if asks and is_halt(target) and is_offered else None
+
     def begun(self, execution_id: bytes, now: float) -> list[ResponderEffect]:
         """The robot was told: whoever asked may hear that it was accepted."""
         self._to_begin.discard(execution_id)
@@ -395,7 +404,7 @@ class ActionResponder:
         limits, hint_ms = self._limits, message.timeout_hint_ms or 0.0
         late_s = limits.clock_tolerance_s if limits.late_tolerance_s is None else limits.late_tolerance_s
         ahead_s = ((message.timestamp or 0) - utc) / TICKS_PER_SECOND
-        if execution.target.action_target_id & CONTROL_BITS == HALT_TARGETS and hint_ms > 0:
+        if is_halt(execution.target) and hint_ms > 0:
             ahead_s = 0.0  # it names what is to stop: whatever clocks say, it can harm nothing else
         if hint_ms <= 0 or -ahead_s > hint_ms / 1000 + late_s:
             late = ExecutionReport(
@@ -405,11 +414,13 @@ class ActionResponder:
         if ahead_s > limits.clock_tolerance_s:
             said = f"it was issued {ahead_s:.3f} s ahead of this clock; set the clocks of both sides"
             return OfferDecision(ExecutionReport(_S.REFUSED, StatusCode.BAD_INVALID_TIMESTAMP, said), Drop.REFUSED)
-        under_way = [self._executions[key] for key in self._under_way]
+        # To halt, suspend and resume is over at once, and must not wait until there is room.
+        under_way = [one for key in self._under_way if not is_control((one := self._executions[key]).target)]
         decision = self._offers.decide(
             execution, message.types, message.values, under_way, now, utc, version=message.major_version
         )
-        if decision.report.state is _S.RUNNING and len(under_way) >= self._limits.requests_at_once:
+        has_room = len(under_way) < self._limits.requests_at_once or is_control(execution.target)
+        if decision.report.state is _S.RUNNING and not has_room:
             said = f"{len(under_way)} executions are under way"
             return OfferDecision(ExecutionReport(_S.REFUSED, StatusCode.BAD_TOO_MANY_OPERATIONS, said), Drop.TOO_MANY)
         return decision

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from tests.unit.bridge.test_actions import ACTION, ID, PICK, Bench, Robot
+import pytest
+
+from tests.unit.bridge.test_actions import ACTION, ID, PICK, Bench, FullDisk, Robot
 from ua_fleet.bridge import Execution, ExecutionEnded
 from ua_fleet.errors import SkillRejected
 from ua_fleet.fleet.skills import SkillLimits
-from ua_fleet.skill import ExecutionState, MemoryJournal
+from ua_fleet.skill import ExecutionState, MemoryJournal, ResponderLimits
 from ua_fleet.skill.executions import HALT_TARGETS, halt_id
 from ua_fleet.values import StatusCode
 
@@ -151,3 +153,50 @@ def test_an_execution_of_another_skill_is_not_halted_here() -> None:
     ask_to_halt(bench)
     assert bench.reports()[-1].message == "that execution is not under way"
     assert robot.halted == []
+
+
+def test_a_bridge_that_does_all_it_can_at_once_halts() -> None:
+    robot = StoppableRobot()
+    robot.offered = (replace(PICK, limits=SkillLimits(requests_at_once=100)),)
+    bench = Bench(robot=robot)
+    bench.ask()
+    most = ResponderLimits().requests_at_once
+    for number in range(2, most + 1):
+        bench.ask(number)
+    assert len(robot.begun) == most
+    ask_to_halt(bench)
+    assert [execution.execution_id for execution in robot.halted] == [ID]
+    bench.ask(most + 1)
+    assert len(robot.begun) == most, "there is no room for another execution"
+
+
+def test_a_robot_is_halted_though_the_disk_is_full() -> None:
+    robot, journal = StoppableRobot(), FullDisk()
+    bench = Bench(robot=robot, journal=journal)
+    bench.ask()
+    journal.is_full = True
+    before = len(bench.answers)
+    ask_to_halt(bench)
+    assert [execution.execution_id for execution in robot.halted] == [ID]
+    assert len(bench.answers) == before, "what is not recorded has no answer, so that it is asked again"
+    ask_to_halt(bench, bytes([7]) * 16)
+    ask_to_halt(bench, timeout_hint_ms=0.0)
+    assert len(robot.halted) == 1, "of another execution, or asking alone"
+    journal.is_full = False
+    ask_to_halt(bench)
+    assert bench.reports()[-1].state is ExecutionState.DONE
+
+
+@pytest.mark.parametrize("requestor", ["77.other", "no name"])
+def test_who_may_not_command_halts_nothing_on_a_full_disk(requestor: str) -> None:
+    robot, journal = StoppableRobot(), FullDisk()
+    robot.offered = (replace(PICK, limits=SkillLimits(visible_to=(0,))),)
+    bench = Bench(robot=robot, journal=journal, must_be_verified=True)
+    bench.ask(verified=True)
+    journal.is_full = True
+    ask_to_halt(bench, requestor_id=requestor, verified=True)
+    ask_to_halt(bench, requestor_id="9.other", verified=True)
+    ask_to_halt(bench)
+    assert robot.halted == []
+    ask_to_halt(bench, verified=True)
+    assert len(robot.halted) == 1

@@ -243,7 +243,8 @@ def test_a_value_waits_for_its_sample_while_the_list_of_samples_is_made_anew(mon
     """Items that were removed leave entries in that list; once they are many, it is made of the items that hold."""
     now = 1000.0
     monkeypatch.setattr(time, "monotonic", lambda: now)
-    items: Any = MonitoredItems(SPACE, lambda *_: None)
+    space: Any = None
+    items: Any = MonitoredItems(space, print)
 
     class Holder(Owner):
         def hold(self, item: DataItem) -> None:

@@ -100,6 +100,8 @@ class People:
             raise OperationRefused(
                 429, f"too many failed logins; try again in {wait_s:.0f} s", retry_after_s=wait_s, field="password"
             )
+        if self._needs_new(session) and self.sessions.is_full:
+            raise self._full()
         with self._one_more_login(fleet, source, who):
             for attempts, name in names:
                 attempts.count(name, now)
@@ -169,11 +171,11 @@ class People:
         self, session: BrowserSession | None, fleet: str, user: str, secret: SessionSecret
     ) -> tuple[BrowserSession, str | None]:
         token: str | None = None
-        if session is None or self.sessions.is_over(session, time.monotonic()):  # it may have ended meanwhile
+        if session is None or self._needs_new(session):  # it may have ended meanwhile
             begun = self.sessions.begin(time.monotonic())
-            if begun is None:
-                self._counts.drop("too_many_sessions")
-                raise OperationRefused(429, "too many people are logged in; try again later", retry_after_s=60.0)
+            if begun is None:  # others were quicker
+                self._spawn(self._revoke(fleet, user, secret), "revoke the key of a login without a place")
+                raise self._full()
             session, token = begun
         held = self._held(fleet, user, secret)
         if session.logins.get(fleet) is not held.link:
@@ -187,6 +189,13 @@ class People:
         _log.info("logged in", fleet=fleet, user=harmless(user)[:100], browsers=len(held.browsers))
         self._tell(session)
         return session, token
+
+    def _needs_new(self, session: BrowserSession | None) -> bool:
+        return session is None or self.sessions.is_over(session, time.monotonic())
+
+    def _full(self) -> OperationRefused:
+        self._counts.drop("too_many_sessions")
+        return OperationRefused(429, "too many people are logged in; try again later", retry_after_s=60.0)
 
     def _held(self, fleet: str, user: str, secret: SessionSecret) -> _HeldLink:
         """The link of a user, which goes on with its key, or begins with this one."""

@@ -7,7 +7,7 @@ import contextlib
 import socket
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable, Coroutine, Generator
+from collections.abc import Awaitable, Callable, Coroutine, Generator, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final, NoReturn
 
@@ -17,7 +17,7 @@ from ua_fleet.client import ClientIdentity, FleetClient, issue_session_key, revo
 from ua_fleet.console.attempts import Attempts
 from ua_fleet.console.counts import ConsoleCounts
 from ua_fleet.console.failures import OperationRefused, refused_by
-from ua_fleet.console.link import FleetLink, SessionSecret
+from ua_fleet.console.link import NO_LOGIN, FleetLink, SessionSecret
 from ua_fleet.console.origins import source_of
 from ua_fleet.console.sessions import BrowserSession, BrowserSessions
 from ua_fleet.console.settings import ConsoleSettings
@@ -102,12 +102,8 @@ class People:
             )
         if self._needs_new(session) and self.sessions.is_full:
             raise self._full()
-        with self._one_more_login(fleet, source, who):
-            for attempts, name in names:
-                attempts.count(name, now)
+        with self._one_more_login(fleet, source, who), self._one_more_attempt(names, now):
             secret = await self._secret(fleet, user, password, address)
-        for attempts, name in names:
-            attempts.forgive(name)
         return await self._admit(session, fleet, user, secret)
 
     @contextlib.contextmanager
@@ -129,6 +125,27 @@ class People:
         finally:
             self._logging_in.subtract(places.keys())
             self._logging_in = +self._logging_in  # without those of 0
+
+    @contextlib.contextmanager
+    def _one_more_attempt(self, names: Sequence[tuple[Attempts, str]], now: float) -> Generator[None]:
+        """Count an attempt, and forgive it where no user or password was refused, as by a fleet that is away.
+
+        One that ends without an answer, since the browser went away, stays counted: it may have been a guess.
+        """
+        for attempts, name in names:
+            attempts.count(name, now)
+        try:
+            yield
+        except OperationRefused as error:
+            if error.code in NO_LOGIN:
+                raise
+            self._forgive(names)
+            raise
+        self._forgive(names)
+
+    def _forgive(self, names: Sequence[tuple[Attempts, str]]) -> None:
+        for attempts, name in names:
+            attempts.forgive(name)
 
     async def _secret(self, fleet: str, user: str, password: str, address: str) -> SessionSecret:
         """A session key of a user who knows the password."""

@@ -146,3 +146,10 @@ async def test_of_two_logins_for_the_last_place_one_leaves_no_key(
         async with asyncio.timeout(60):
             while len([*await keys_of(server, OBSERVER), *await keys_of(server, ENGINEER)]) > 1:
                 await asyncio.sleep(0.05)
+
+
+async def test_a_fleet_that_is_away_is_no_failed_login(tmp_path: Path, tcp_port: int) -> None:
+    url = f"opc.tcp://127.0.0.1:{tcp_port}/ua_fleet"
+    async with console_at(tmp_path, {"hall": url}) as console, console.browser() as browser:
+        answers = [await browser.post("api/login", json=login(OPERATOR)) for _ in range(14)]
+        assert {answer.status_code for answer in answers} == {503}

@@ -95,10 +95,12 @@ def restore(
                 f"{file}: {work.runs} runs and {work.requests} requests to robots had no end; see what the robots are"
                 f" doing, then restore with --despite-open-work"
             )
-        moved = put_in_place(within, state_folders(fleet, folder), manifest, datetime.now(UTC))
+        restored = put_in_place(within, state_folders(fleet, folder), manifest, datetime.now(UTC))
     _print(file, manifest, as_json=as_json, size=file.stat().st_size)
-    for path in moved:
+    for path in restored.aside:
         message(f"what was there before: {path}")
+    for path in restored.broken:
+        message(f"{path}: was broken before the backup, and is restored as it was; its process says the remedy")
     _tell_what_to_do(fleet, manifest)
 
 

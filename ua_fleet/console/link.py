@@ -34,7 +34,7 @@ from ua_fleet.errors import AccessRefused, NotConnected, SendTimeout, UaFleetErr
 from ua_fleet.printing import harmless
 from ua_fleet.values import StatusCode
 
-__all__ = ["FleetLink", "RunningFeed", "SessionSecret"]
+__all__ = ["NO_LOGIN", "FleetLink", "RunningFeed", "SessionSecret"]
 
 _log: Any = structlog.get_logger("ua_fleet.console")
 Answer = TypeVar("Answer")
@@ -53,13 +53,14 @@ _STATE: Final = "i=2259"
 _CURRENT_TIME: Final = "i=2258"
 _RIGHTS_EVERY: Final = 5
 """Beats between two looks at what the user may do."""
-_NO_LOGIN: Final = frozenset(
+NO_LOGIN: Final = frozenset(
     {
         int(StatusCode.BAD_USER_ACCESS_DENIED),
         int(StatusCode.BAD_IDENTITY_TOKEN_REJECTED),
         0x8020_0000,  # BadIdentityTokenInvalid
     }
 )
+"""What a server answers to a user, password or key that it does not take."""
 _NO_TRUST: Final = frozenset({int(StatusCode.BAD_SECURITY_CHECKS_FAILED), 0x801A_0000})
 
 
@@ -312,7 +313,7 @@ class FleetLink:
     def _end_for(self, error: AccessRefused) -> str | None:
         """Why the link cannot heal after this; None: it may."""
         code = int(error.ua_status)
-        if code in _NO_LOGIN:
+        if code in NO_LOGIN:
             return (
                 f"{self.fleet} no longer takes the session key of {self.user}: it was revoked, has ended, or the "
                 "password was changed; log in again"

@@ -7,7 +7,7 @@ import contextlib
 import socket
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable, Coroutine, Generator
+from collections.abc import Awaitable, Callable, Coroutine, Generator, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final, NoReturn
 
@@ -17,7 +17,7 @@ from ua_fleet.client import ClientIdentity, FleetClient, issue_session_key, revo
 from ua_fleet.console.attempts import Attempts
 from ua_fleet.console.counts import ConsoleCounts
 from ua_fleet.console.failures import OperationRefused, refused_by
-from ua_fleet.console.link import FleetLink, SessionSecret
+from ua_fleet.console.link import NO_LOGIN, FleetLink, SessionSecret
 from ua_fleet.console.origins import source_of
 from ua_fleet.console.sessions import BrowserSession, BrowserSessions
 from ua_fleet.console.settings import ConsoleSettings
@@ -100,12 +100,10 @@ class People:
             raise OperationRefused(
                 429, f"too many failed logins; try again in {wait_s:.0f} s", retry_after_s=wait_s, field="password"
             )
-        with self._one_more_login(fleet, source, who):
-            for attempts, name in names:
-                attempts.count(name, now)
+        if self._needs_new(session) and self.sessions.is_full:
+            raise self._full()
+        with self._one_more_login(fleet, source, who), self._one_more_attempt(names, now):
             secret = await self._secret(fleet, user, password, address)
-        for attempts, name in names:
-            attempts.forgive(name)
         return await self._admit(session, fleet, user, secret)
 
     @contextlib.contextmanager
@@ -127,6 +125,27 @@ class People:
         finally:
             self._logging_in.subtract(places.keys())
             self._logging_in = +self._logging_in  # without those of 0
+
+    @contextlib.contextmanager
+    def _one_more_attempt(self, names: Sequence[tuple[Attempts, str]], now: float) -> Generator[None]:
+        """Count an attempt, and forgive it where no user or password was refused, as by a fleet that is away.
+
+        One that ends without an answer, since the browser went away, stays counted: it may have been a guess.
+        """
+        for attempts, name in names:
+            attempts.count(name, now)
+        try:
+            yield
+        except OperationRefused as error:
+            if error.code in NO_LOGIN:
+                raise
+            self._forgive(names)
+            raise
+        self._forgive(names)
+
+    def _forgive(self, names: Sequence[tuple[Attempts, str]]) -> None:
+        for attempts, name in names:
+            attempts.forgive(name)
 
     async def _secret(self, fleet: str, user: str, password: str, address: str) -> SessionSecret:
         """A session key of a user who knows the password."""
@@ -169,11 +188,11 @@ class People:
         self, session: BrowserSession | None, fleet: str, user: str, secret: SessionSecret
     ) -> tuple[BrowserSession, str | None]:
         token: str | None = None
-        if session is None or self.sessions.is_over(session, time.monotonic()):  # it may have ended meanwhile
+        if session is None or self._needs_new(session):  # it may have ended meanwhile
             begun = self.sessions.begin(time.monotonic())
-            if begun is None:
-                self._counts.drop("too_many_sessions")
-                raise OperationRefused(429, "too many people are logged in; try again later", retry_after_s=60.0)
+            if begun is None:  # others were quicker
+                self._spawn(self._revoke(fleet, user, secret), "revoke the key of a login without a place")
+                raise self._full()
             session, token = begun
         held = self._held(fleet, user, secret)
         if session.logins.get(fleet) is not held.link:
@@ -187,6 +206,13 @@ class People:
         _log.info("logged in", fleet=fleet, user=harmless(user)[:100], browsers=len(held.browsers))
         self._tell(session)
         return session, token
+
+    def _needs_new(self, session: BrowserSession | None) -> bool:
+        return session is None or self.sessions.is_over(session, time.monotonic())
+
+    def _full(self) -> OperationRefused:
+        self._counts.drop("too_many_sessions")
+        return OperationRefused(429, "too many people are logged in; try again later", retry_after_s=60.0)
 
     def _held(self, fleet: str, user: str, secret: SessionSecret) -> _HeldLink:
         """The link of a user, which goes on with its key, or begins with this one."""

@@ -57,9 +57,14 @@ class BrowserSessions:
     def __iter__(self) -> Iterator[BrowserSession]:
         return iter(list(self._all.values()))
 
+    @property
+    def is_full(self) -> bool:
+        """Whether no further one can begin."""
+        return len(self._all) >= self._most
+
     def begin(self, now: float) -> tuple[BrowserSession, str] | None:
         """A new session and the token of its cookie; None where there are too many."""
-        if len(self._all) >= self._most:
+        if self.is_full:
             return None
         token = secrets.token_urlsafe(_TOKEN_BYTES)
         session = BrowserSession(_hash(token), secrets.token_urlsafe(_TOKEN_BYTES), now, now)

@@ -1,7 +1,8 @@
 """Which values are kept: facts and their time in, rows out.
 
     same as the kept one   -> held: kept at the end of the flat part, or once `at_least_each_s` has passed
-    another one            -> kept, after the one that is held; or, within `at_most_each_s`, due when that is over
+    another one            -> kept, after the one that is held; within `at_most_each_s` of a row the one that is held
+                              goes, and the other one is due when that is over
     another quality, type  -> kept at once, after what waits
 
 The times of a node's rows strictly increase. A row has the SourceTimestamp of its value. The server's time stands in
@@ -34,7 +35,7 @@ _DAY: Final = 86_400 * TICKS_PER_SECOND
 class _Node:
     """What is known of one node."""
 
-    __slots__ = ("after", "due", "held", "kept_at", "last", "listed", "rule")
+    __slots__ = ("after", "due", "free_at", "held", "kept_at", "last", "listed", "rule")
 
     def __init__(self, rule: Rule, after: int) -> None:
         self.rule = rule
@@ -48,6 +49,8 @@ class _Node:
         """When that is to be kept, where it is another value."""
         self.kept_at = 0
         """When the last row was kept, by the server's clock."""
+        self.free_at = 0
+        """From which time on a row need not wait for `at_most_each_s`."""
         self.listed: int | None = None
         """For when it is in the list of those that are due: there once, however often another value came and went."""
 
@@ -91,14 +94,7 @@ class Recorder:
                 return self._keep(key, node, [row], wall)
             return []
         if rule.at_most_each_s:
-            pause = int(rule.at_most_each_s * TICKS_PER_SECOND)
-            if row.time < last.time + pause:
-                node.held = row
-                if node.due is None:
-                    node.due = node.kept_at + pause
-                    self._list(key, node, node.due)
-                return []
-            return self._keep(key, node, [row], wall)
+            return self._keep_seldom(key, node, row, wall)
         return self._keep(key, node, [row] if node.held is None else [node.held, row], wall)
 
     def put_behind(self, stored: Mapping[NodeId, int], stopped_at: int, waiting: Mapping[NodeId, int]) -> None:
@@ -196,10 +192,31 @@ class Recorder:
             node.listed = due
             heapq.heappush(self._due, (due, next(self._order), key))
 
+    def _keep_seldom(self, key: NodeId, node: _Node, row: Row, wall: int) -> list[Kept]:
+        """Another value under `at_most_each_s`, after the end of a flat part: without that, a line would lead from the
+        beginning of the flat part to this value.
+        """
+        kept: list[Kept] = []
+        if node.due is None and node.held is not None and node.held.time >= node.free_at:
+            kept = self._keep(key, node, [node.held], wall)
+        if row.time >= node.free_at:
+            return kept + self._keep(key, node, [row], wall)
+        node.held = row
+        if node.due is None:
+            node.due = node.kept_at + _pause(node.rule)
+            self._list(key, node, node.due)
+        return kept
+
     def _keep(self, key: NodeId, node: _Node, rows: list[Row], wall: int) -> list[Kept]:
         node.last, node.after, node.held, node.due = rows[-1], rows[-1].time, None, None
-        node.kept_at = wall
+        node.kept_at, pause = wall, _pause(node.rule)
+        # One that has waited has the time at which it came, and the place of the one at which its pause was over.
+        node.free_at = min(max(node.free_at, node.after), node.after + pause) + pause
         return [(key, row) for row in rows]
+
+
+def _pause(rule: Rule) -> int:
+    return int(rule.at_most_each_s * TICKS_PER_SECOND)
 
 
 def is_same(last: Row, row: Row, deadband: float) -> bool:

@@ -11,6 +11,7 @@ once it is full is counted and marked.
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -120,6 +121,8 @@ class HistoryService:
         self._tending: asyncio.Future[bool] | None = None
         self._next_write = self._next_tend = 0.0
         self._pause_s = 0.0
+        self._is_tends_turn = False
+        """Whether the store was written to since it was last tended. Both take turns: one alone would have all time."""
         self._is_closed = False
         self.sooner: Callable[[], None] = lambda: None
         """Called when `poll` is to be called sooner than was said."""
@@ -176,28 +179,39 @@ class HistoryService:
             return
         if due := self._recorder.poll(self._wall()):
             self._add(due)
-        if self._writing is not None or self._tending is not None or now < self._next_write:
+        if self._writing is not None or self._tending is not None:
             return
-        if self._opening is not None:
-            self._open(self._opening)
-        elif len(self._backlog) or now >= self._next_write + ALIVE_S:
-            self._write(now)
-        elif now >= self._next_tend:
+        is_tend_due = now >= self._tend_at
+        if now >= self._write_at and not (is_tend_due and self._is_tends_turn):
+            if self._opening is not None:
+                self._open(self._opening)
+            else:
+                self._write(now)
+        elif is_tend_due:
             self._tend(now)
 
     def next_deadline(self, now: float) -> float | None:
         """When `poll` is to be called next."""
         if self._is_closed:
             return None
-        times = [] if self._writing is not None or self._tending is not None else [self._next_store()]
+        times: list[float] = []
+        if self._writing is None and self._tending is None:
+            times += [self._write_at, self._tend_at]
         if (due := self._recorder.next_due()) is not None:
             times.append(now + max(0, due - self._wall()) / TICKS_PER_SECOND)
         return min(times, default=None)
 
-    def _next_store(self) -> float:
-        if len(self._backlog):
-            return self._next_write
-        return max(self._next_write, min(self._next_tend, self._next_write + ALIVE_S))
+    @property
+    def _write_at(self) -> float:
+        has_work = len(self._backlog) or self._opening is not None
+        return self._next_write if has_work else self._next_write + ALIVE_S
+
+    @property
+    def _tend_at(self) -> float:
+        """When the store is tended: between two writes too, but not while it is away."""
+        if self._opening is not None:
+            return math.inf
+        return max(self._next_tend, self._next_write) if self._away else self._next_tend
 
     def _add(self, kept: list[Kept], *, gives_way: bool = False) -> None:
         was_empty = not len(self._backlog)
@@ -240,7 +254,7 @@ class HistoryService:
     def _write(self, now: float) -> asyncio.Future[None]:
         """Have the whole backlog stored in one commit: what fails goes back to where it was."""
         batch, wall = self._backlog.take(), self._wall()
-        self._next_write = now + WRITE_S
+        self._next_write, self._is_tends_turn = now + WRITE_S, True
         writing = self._loop.run_in_executor(self._executor, self._store.write, batch.rows, wall)
         self._writing = writing
 
@@ -266,7 +280,7 @@ class HistoryService:
             self._executor, self._store.tend, wall, self.rules.days_of, self._most_bytes
         )
         self._tending = tending
-        self._next_tend = now + 1.0
+        self._next_tend, self._is_tends_turn = now + 1.0, False
 
         def done(tended: asyncio.Future[bool]) -> None:
             self._tending = None
@@ -287,7 +301,7 @@ class HistoryService:
 
     def _has_failed(self, error: BaseException | None) -> None:
         self._pause_s = min(max(1.0, 2 * self._pause_s), LONGEST_PAUSE_S)
-        self._next_write = self._loop.time() + self._pause_s
+        self._next_write, self._is_tends_turn = self._loop.time() + self._pause_s, False
         reason = self._reason(error)
         if not self._away:
             _log.warning("history is not stored; values wait, and are stored later", reason=reason)

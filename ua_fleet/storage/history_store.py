@@ -30,7 +30,7 @@ _SLICE: Final = 100
 _DAY: Final = 86_400 * TICKS_PER_SECOND
 _FREED_PAGES: Final = 2_000
 """Pages that are given back to the disk at once: 8 MB."""
-_MOST_ROUNDS: Final = 400
+_MOST_PASSES: Final = 400
 """Of removing what is too much: after so many there is nothing left."""
 _SCHEMA: Final = (
     "CREATE TABLE meta (name TEXT PRIMARY KEY, value BLOB) WITHOUT ROWID",
@@ -60,6 +60,8 @@ _SIZES: Final = (
 _LAST_BLOCKS: Final = """SELECT node, last FROM block
     WHERE (node, first) IN (SELECT node, max(first) FROM block GROUP BY node)"""
 """Of each node, by the index: to read a page for each block of a large file takes minutes of a slow disk."""
+_OLDEST_ROW: Final = "SELECT min(time) FROM (SELECT (SELECT min(time) FROM row WHERE node = id) AS time FROM node)"
+"""Of each node, by the index."""
 _REMOVE_BLOCKS: Final = "DELETE FROM block WHERE node = ?1 AND first < ?2 AND last < ?2"
 """Of a node's blocks those alone are looked at that begin before the time."""
 _ALIVE: Final = "INSERT OR REPLACE INTO meta (name, value) VALUES ('alive', ?)"
@@ -104,6 +106,11 @@ class SqliteHistory:
         """Nodes with enough rows for a block."""
         self._aged: list[NodeId] = []
         """Nodes whose age is yet to be looked at in this round."""
+        self._passes: int | None = None
+        """Of removing what is too much: those that are left in this round; None where it has ended."""
+        self._cut = 0
+        self._uncut: list[int] = []
+        """The time before which a pass removes, and the nodes from which it has not yet."""
         self._next_round = 0
 
     def last_times(self) -> dict[NodeId, int]:
@@ -145,9 +152,11 @@ class SqliteHistory:
         return int((pages - free) * size)
 
     def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
-        """Compact a node, or look at the age of some."""
+        """Compact a node, or remove what is too old or too much of some."""
         if not self._next_round or now < self._next_round - ROUND:  # the clock was set back
             self._next_round = now
+        if self._passes is not None:
+            return self._remove_most(now, most_bytes, self._passes)
         if self._large and not (self._aged or now >= self._next_round + OVERDUE):
             number = self._large.pop()
             if self._has_many(number):
@@ -165,9 +174,7 @@ class SqliteHistory:
             failed = [number for number in self._counts if self._has_many(number) and number not in waiting]
             self._large = failed + self._large
             self._cut_bounded(most_bytes // BOUNDED_PART)
-            self._remove_most(now, most_bytes)
-            self._database.read(f"PRAGMA incremental_vacuum({_FREED_PAGES})")
-            return bool(self._aged or self._large)
+            return self._remove_most(now, most_bytes, _MOST_PASSES)
         some, self._aged = self._aged[:_SLICE], self._aged[_SLICE:]
         self._remove_old({self._ids[key]: now - int(days_of(key) * _DAY) for key in some})
         return bool(self._aged or self._large)
@@ -216,21 +223,32 @@ class SqliteHistory:
         if (cut := cut_of(sizes, most_bytes)) is not None:
             self._remove_old({number: cut + 1})
 
-    def _remove_most(self, now: int, most_bytes: int) -> None:
-        """Remove a twentieth of the time that is kept, again and again, while there is too much."""
-        for _ in range(_MOST_ROUNDS):
-            if self.used_bytes() <= most_bytes:
-                break
-            # A block goes as a whole: one of a node that seldom changes must not hold up all others.
-            [(block,)] = self._database.read("SELECT min(last) FROM block")
-            [(row,)] = self._database.read("SELECT min(time) FROM row")
-            times = [int(time) for time in (block, row) if time is not None]
-            if not times:
-                break
-            oldest = min(times)
-            before = oldest + max((now - oldest) // 20, TICKS_PER_SECOND)
-            self._remove_old(dict.fromkeys(self._ids.values(), before))
+    def _remove_most(self, now: int, most_bytes: int, passes: int) -> bool:
+        """Remove a twentieth of the time that is kept, of some nodes at once, and again while there is too much.
+
+        Returns:
+            Whether there is more to do now.
+        """
+        nodes = self._uncut
+        self._passes, self._uncut = None, []  # where it fails, the next round begins anew, and others have their turn
+        if not nodes and passes and self.used_bytes() > most_bytes and (oldest := self._oldest()) is not None:
+            passes, nodes = passes - 1, list(self._ids.values())
+            self._cut = oldest + max((now - oldest) // 20, TICKS_PER_SECOND)
+        if nodes:
+            self._remove_old(dict.fromkeys(nodes[:_SLICE], self._cut))
+            self._passes, self._uncut = passes, nodes[_SLICE:]
+            return True
         self.over_limit = over_limit_text(self.used_bytes(), most_bytes)
+        self._database.read(f"PRAGMA incremental_vacuum({_FREED_PAGES})")
+        return bool(self._aged or self._large)
+
+    def _oldest(self) -> int | None:
+        """The time of the oldest row or block. A block goes as a whole: one of a node that seldom changes must not hold
+        up all others.
+        """
+        [(block,)] = self._database.read("SELECT min(last) FROM block")
+        [(row,)] = self._database.read(_OLDEST_ROW)
+        return min((int(time) for time in (block, row) if time is not None), default=None)
 
     def _add_rows(self, found: Rows, number: int, first: int, last: int, *, backward: bool) -> None:
         """Add those of a node that are in no block, one by one: each may have a megabyte."""

@@ -63,6 +63,8 @@ class PostgresHistory:
         """
         self._next_round = 0
         self.over_limit = ""
+        self._tries: int | None = None
+        """To remove what is too much: those that are left in this round; None where it has ended."""
         self._aged: list[NodeId] = []
         """Nodes whose age is yet to be looked at in this round."""
         self._database = PostgresDatabase(url, user, password, self._prepare)
@@ -178,6 +180,8 @@ class PostgresHistory:
     ) -> bool:
         if not self._next_round or now < self._next_round - ROUND:  # the clock was set back
             self._next_round = now
+        if self._tries is not None:
+            return await self._remove_most(connection, now, most_bytes, self._tries)
         if self._large and not (self._aged or now >= self._next_round + OVERDUE):
             number = self._large.pop()
             if self._has_many(number):
@@ -199,8 +203,7 @@ class PostgresHistory:
                 await self._drop_old(connection, now - int(longest * DAY))
             await self._vacuum(connection)
             await self._cut_bounded(connection, most_bytes // BOUNDED_PART)
-            await self._remove_most(connection, now, most_bytes)
-            return bool(self._aged or self._large)
+            return await self._remove_most(connection, now, most_bytes, _TRIES)
         some, self._aged = self._aged[:_SLICE], self._aged[_SLICE:]
         await self._remove_old(connection, {self._ids[key]: now - int(days_of(key) * DAY) for key in some})
         return bool(self._aged or self._large)
@@ -268,20 +271,26 @@ class PostgresHistory:
         for (name,) in touched:
             await connection.execute(f"VACUUM (FULL) {name}")
 
-    async def _remove_most(self, connection: Connection, now: int, most_bytes: int) -> None:
-        """Remove the oldest day, again and again, while there is too much; of the last one a part."""
-        for _ in range(_TRIES):
-            used = await used_bytes(connection)
-            if used <= most_bytes:
-                break
-            if await connection.fetchval("SELECT EXISTS (SELECT FROM sample_late) OR EXISTS (SELECT FROM block_late)"):
-                await connection.execute("TRUNCATE sample_late, block_late")
-            elif len(self._days) > 1:
-                await self._drop_day(connection, min(self._days))
-            elif self._days:
-                await self._shorten_day(connection, min(self._days), now, most_bytes / used)
-        self.over_limit = over_limit_text(await used_bytes(connection), most_bytes)
+    async def _remove_most(self, connection: Connection, now: int, most_bytes: int, tries: int) -> bool:
+        """Remove the oldest day, and again while there is too much; of the last one a part.
+
+        Returns:
+            Whether there is more to do now.
+        """
+        self._tries = None  # where it fails, the next round begins anew, and others have their turn
+        used = await used_bytes(connection)
+        if not tries or used <= most_bytes:
+            self.over_limit = over_limit_text(used, most_bytes)
+            return bool(self._aged or self._large)
+        if await connection.fetchval("SELECT EXISTS (SELECT FROM sample_late) OR EXISTS (SELECT FROM block_late)"):
+            await connection.execute("TRUNCATE sample_late, block_late")
+        elif len(self._days) > 1:
+            await self._drop_day(connection, min(self._days))
+        elif self._days:
+            await self._shorten_day(connection, min(self._days), now, most_bytes / used)
         await self._count_again(connection)
+        self._tries = tries - 1
+        return True
 
     async def _shorten_day(self, connection: Connection, day: int, now: int, share: float) -> None:
         """Remove the older part of a day, so that about such a share stays."""

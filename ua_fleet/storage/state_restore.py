@@ -37,7 +37,7 @@ from ua_fleet.storage.state_files import (
     is_database,
 )
 
-__all__ = ["OpenWork", "open_work", "put_in_place", "unpacked"]
+__all__ = ["OpenWork", "Restored", "open_work", "put_in_place", "unpacked"]
 
 _TOKENS_BEYOND: Final = 100_000
 _MAX_TOKEN_ID: Final = 0xFFFF_FFFF
@@ -47,6 +47,8 @@ _OPEN_RUNS: Final = {
     CARRIED_FILE: OPEN_CARRIED,
 }
 """The files that have runs and requests to robots, with what finds the runs without an end."""
+_NO_SUCH_FILE: Final = (ValueError, KeyError, TypeError, AttributeError, RecursionError)
+"""What is raised for JSON that is not of the form that a file has."""
 _PIECE_BYTES: Final = 1024 * 1024
 _MOST_MANIFEST_BYTES: Final = 64 * 1024 * 1024
 
@@ -56,6 +58,15 @@ class OpenWork(NamedTuple):
 
     runs: int
     requests: int
+
+
+class Restored(NamedTuple):
+    """What a restore has left."""
+
+    aside: list[Path]
+    """Where that is now what was there before."""
+    broken: list[Path]
+    """Files that could not be made safe, since they were broken in the fleet: they are as they were there."""
 
 
 @contextlib.contextmanager
@@ -157,7 +168,7 @@ def _has_requests(path: Path) -> bool:
     return path.name in _OPEN_RUNS and version_of(path) > 0
 
 
-def put_in_place(folder: Path, folders: Mapping[str, Path], manifest: Manifest, now: datetime) -> list[Path]:
+def put_in_place(folder: Path, folders: Mapping[str, Path], manifest: Manifest, now: datetime) -> Restored:
     """Put what is unpacked into the folders of a fleet whose processes do not run.
 
     A restore that is killed is to be done again: until then no process starts in a folder that is not whole.
@@ -168,9 +179,6 @@ def put_in_place(folder: Path, folders: Mapping[str, Path], manifest: Manifest, 
         manifest: of the backup.
         now: the time, in UTC.
 
-    Returns:
-        Where that is now what was there before.
-
     Raises:
         StorageUnavailable: a folder is not the fleet's, or a file cannot be written.
     """
@@ -179,8 +187,11 @@ def put_in_place(folder: Path, folders: Mapping[str, Path], manifest: Manifest, 
         raise StorageUnavailable(f"fleet.yaml has no {unknown[0]!r}; add what was removed since the backup")
     elapsed_s = max(0, int((now - datetime.fromisoformat(manifest.made)).total_seconds()))
     try:
-        for path in [path for path in folder.rglob("*") if path.is_file()]:
-            _make_safe(path, elapsed_s)
+        broken: list[Path] = []
+        for name in names:
+            files = [path for path in sorted((folder / name).rglob("*")) if path.is_file()]
+            unsafe = [path for path in files if not _make_safe(path, elapsed_s)]
+            broken += [folders[name] / path.relative_to(folder / name) for path in unsafe]
         for name in names:
             target = folders[name]
             make_private_folder(target)
@@ -198,7 +209,7 @@ def put_in_place(folder: Path, folders: Mapping[str, Path], manifest: Manifest, 
         raise StorageUnavailable(
             f"{place}: {error.strerror or error}; the state is not whole until this restore is done again"
         ) from error
-    return [path for path in moved if path is not None]
+    return Restored([path for path in moved if path is not None], broken)
 
 
 def _replace(source: Path, target: Path, stamp: str, others: set[Path]) -> Path | None:
@@ -239,8 +250,9 @@ def _give_to_owner(prepared: Path, target: Path) -> None:
             os.chown(path, status.st_uid, status.st_gid)
 
 
-def _make_safe(path: Path, elapsed_s: int) -> None:
-    """See the table above. What is no such file is left as it is, and refused by its process."""
+def _make_safe(path: Path, elapsed_s: int) -> bool:
+    """See the table above. False: it is no such file, is left as it is, and is refused by its process."""
+    is_safe = True
     if _has_requests(path):
         with contextlib.closing(sqlite3.connect(path)) as database, database:
             database.execute("UPDATE requests SET timeout_ms = 0 WHERE outcome IS NULL")
@@ -250,9 +262,13 @@ def _make_safe(path: Path, elapsed_s: int) -> None:
         "lease_numbers.json": lambda document: _later_leases(document, elapsed_s),
     }
     if (change := changes.get(path.name)) is not None:
-        document: dict[str, Any] = json.loads(path.read_bytes())
-        change(document)
-        write_whole(path, json.dumps(document).encode(), like=path.stat())
+        try:
+            document: dict[str, Any] = json.loads(path.read_bytes())
+            change(document)
+        except _NO_SUCH_FILE:
+            is_safe = False
+        else:
+            write_whole(path, json.dumps(document).encode(), like=path.stat())
     for beside in (path.with_name(f"{path.name}-wal"), path.with_name(f"{path.name}-shm")):
         beside.unlink(missing_ok=True)
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
@@ -260,6 +276,7 @@ def _make_safe(path: Path, elapsed_s: int) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+    return is_safe
 
 
 def _used_up(document: dict[str, Any]) -> None:
@@ -271,7 +288,7 @@ def _used_up(document: dict[str, Any]) -> None:
 def _new_keys(document: dict[str, Any]) -> None:
     for group in document["groups"].values():
         keys = [bytes.fromhex(key) for key in group["keys"]]
-        group["first_token"] = (group["first_token"] - 1 + len(keys) + _TOKENS_BEYOND) % _MAX_TOKEN_ID + 1
+        group["first_token"] = (int(group["first_token"]) - 1 + len(keys) + _TOKENS_BEYOND) % _MAX_TOKEN_ID + 1
         group["keys"] = [secrets.token_hex(len(key)) for key in keys]
         group["current"], group["since"] = 0, datetime.now(UTC).timestamp()
 

@@ -2,7 +2,7 @@
 
     a robot comes       its topics are there at once, without a value
     a value changes     at most `rate_hz` times a second where it is a number of the same quality; the last one is due,
-                        and goes before what is only said again
+                        and goes in turn with what is only said again, however much of that waits
     connected           everything is due: a broker may have lost what it retained, and has what an earlier server said
     sent                due again after a third of the expiry, so that the broker never drops what is true
     a robot goes        its topics are cleared
@@ -109,9 +109,11 @@ class Namespace:
         """Of data that clients write."""
         self._robots: dict[str, tuple[RobotModel, tuple[NodeId, ...]]] = {}
         self._news: OrderedDict[_Entry, None] = OrderedDict()
-        """Whose value is new: these go first."""
+        """Whose value is new."""
         self._due: OrderedDict[_Entry, None] = OrderedDict()
         """What is to be said once more."""
+        self._is_repeats_turn = False
+        """Whether the last one was new. Where new values never end, a broker would keep or forget all others."""
         self._fresh: OrderedDict[_Entry, None] = OrderedDict()
         """What the broker has, the oldest first."""
         self._gone: OrderedDict[str, None] = OrderedDict()
@@ -281,7 +283,9 @@ class Namespace:
                 topic, _ = self._gone.popitem(last=False)
                 yield self._fly(topic, None, CLEARED, now)
             else:
-                entry, _ = (self._news or self._due).popitem(last=False)
+                is_repeat = bool(self._due) and (self._is_repeats_turn or not self._news)
+                entry, _ = (self._due if is_repeat else self._news).popitem(last=False)
+                self._is_repeats_turn = not is_repeat
                 entry.is_new, entry.sent_at = False, now
                 self._fresh[entry] = None
                 self._fresh.move_to_end(entry)

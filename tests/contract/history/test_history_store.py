@@ -258,6 +258,26 @@ def test_the_oldest_goes_when_there_is_too_much(store: HistoryStore) -> None:
     assert len(found) > 1_000
 
 
+def test_much_that_is_too_much_is_removed_in_pieces(store: HistoryStore) -> None:
+    """Writes have their turn between them, and nothing is said of the limit before all is done."""
+    days, large = 10, "x" * 20_000
+    for day in range(days):
+        now = NOW + day * DAY
+        store.write([(KEY, Row(now + at * DAY // 40, 0, STRING, large)) for at in range(40)], now)
+    most, late = store.used_bytes() // 3, NOW + days * DAY
+    sizes = [store.used_bytes()]
+    while store.tend(late, lambda _key: 1e6, most):
+        sizes.append(store.used_bytes())
+        assert store.over_limit == ""
+        store.write([(OTHER, Row(late + len(sizes), 0, DOUBLE, 1.0))], late)
+    assert sum(later < earlier for earlier, later in itertools.pairwise(sizes)) >= 3
+    assert (store.over_limit, store.used_bytes() <= most) == ("", True)
+    assert len(all_of(store, OTHER)) == len(sizes) - 1
+    found = all_of(store, KEY)
+    assert found[-1].time >= NOW + 9 * DAY
+    assert found[0].time >= NOW + 5 * DAY
+
+
 def test_audit_events_give_way_before_all_else(store: HistoryStore) -> None:
     """Strangers make them: they take a quarter of the store at most, and push out nothing else."""
     random_, values = random.Random(8), numbers(KEY, *range(3_000))

@@ -43,6 +43,8 @@ def test_a_backup_of_a_running_server_is_whole_and_restored_elsewhere(own: Site,
     ended = own.run("history", "rover.goal", "--json")  # it is in the store: a read is behind the writes
     assert [one["value"] for one in ended.objects][-1] == 0.25
     file = tmp_path / "hall.tar"
+    broken = own.folder / "state" / "lease_numbers.json"  # a server does not read it
+    broken.write_text("{}")
     begun = time.monotonic()
     ended = own.run("state", "backup", str(file), "--json", user=None)
     assert ended.code == 0, ended.stderr
@@ -59,6 +61,8 @@ def test_a_backup_of_a_running_server_is_whole_and_restored_elsewhere(own: Site,
     ended = own.run("state", "restore", str(file), user=None)
     assert ended.code == 0, ended.stderr
     assert "what was there before" in ended.stderr
+    assert f"{broken}: was broken before the backup, and is restored as it was" in ended.stderr
+    assert broken.read_text() == "{}"
     again = own.start("serve", user=None)
     again.wait_for("ready: ")
     values = [one["value"] for one in own.run("history", "rover.goal", "--json").objects]

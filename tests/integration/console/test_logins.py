@@ -108,3 +108,48 @@ async def test_who_logs_out_while_a_login_waits_gets_a_new_session(
         assert "set-cookie" in answer.headers
         health = (await browser.http.get("healthz")).json()
         assert (health["sessions"], sum(health["links"].values())) == (1, 1)
+
+
+async def keys_of(server: Running, user: tuple[str, str]) -> list[str]:
+    """The session keys that the server has of a user."""
+    async with server.client(user) as client:
+        listed = client.get_node("ns=2;s=Fleet.ListSessionKeys").nodeid
+        ids, *_ = await client.get_node("ns=2;s=Fleet").call_method(listed)
+        return list(ids or ())
+
+
+async def test_a_login_at_a_full_console_leaves_no_key(server: Running, tmp_path: Path) -> None:
+    """With 16 more the server would end the key of the one who is logged in."""
+    async with (
+        console_at(tmp_path, {"hall": server.url}, limits={"sessions": 1}) as console,
+        console.logged_in(OPERATOR) as works,
+        console.browser() as second,
+    ):
+        before = await keys_of(server, OPERATOR)
+        refused = await second.post("api/login", json=login(OPERATOR))
+        assert (refused.status_code, refused.headers["retry-after"]) == (429, "60")
+        assert "too many people are logged in" in refused.json()["error"]["message"]
+        assert await keys_of(server, OPERATOR) == before
+        again = await works.http.post("api/login", json=login(OPERATOR))
+        assert again.status_code == 200, "a browser that has a session needs no further place"
+
+
+async def test_of_two_logins_for_the_last_place_one_leaves_no_key(
+    server: Running, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waiting, limits = Waiting(monkeypatch), {"sessions": 1}
+    async with console_at(tmp_path, {"hall": server.url}, limits=limits) as console, console.browser() as browser:
+        logins = [begin(browser, user) for user in (OBSERVER, ENGINEER)]
+        await waiting.until(2)
+        waiting.go_on.set()
+        assert sorted([(await one).status_code for one in logins]) == [200, 429]
+        async with asyncio.timeout(60):
+            while len([*await keys_of(server, OBSERVER), *await keys_of(server, ENGINEER)]) > 1:
+                await asyncio.sleep(0.05)
+
+
+async def test_a_fleet_that_is_away_is_no_failed_login(tmp_path: Path, tcp_port: int) -> None:
+    url = f"opc.tcp://127.0.0.1:{tcp_port}/ua_fleet"
+    async with console_at(tmp_path, {"hall": url}) as console, console.browser() as browser:
+        answers = [await browser.post("api/login", json=login(OPERATOR)) for _ in range(14)]
+        assert {answer.status_code for answer in answers} == {503}

@@ -116,6 +116,60 @@ def test_at_most_each_second_and_the_last_one_always() -> None:
     assert taken.told == [(0, 1.0), (0.9, 3.0), (6, 7.0)]
 
 
+def test_the_end_of_a_flat_part_is_kept_at_most_each_second_too() -> None:
+    """Otherwise a line would lead from its beginning to the next value, through values that never were."""
+    taken = Taken(Rule(at_most_each_s=1, at_least_each_s=60))
+    for number in range(120):
+        taken.give(number, 20.0 if number < 59 else 100.0)
+        taken.poll(number)
+    assert taken.told == [(0, 20.0), (58, 20.0), (59, 100.0), (119, 100.0)]
+    taken = Taken(Rule(at_most_each_s=1))
+    for second, value in ((0.0, 1.0), (30, 1.0), (30.1, 2.0), (30.2, 3.0)):
+        taken.give(second, value)
+    assert taken.told == [(0, 1.0), (30, 1.0)]
+    assert taken.recorder.next_due() == 31.1 * S
+    taken.poll(31.1)
+    assert taken.told == [(0, 1.0), (30, 1.0), (30.2, 3.0)]
+
+
+def test_a_flat_part_that_is_shorter_than_the_pause_has_no_end_of_its_own() -> None:
+    taken = Taken(Rule(at_most_each_s=10))
+    for second, value in ((0, 1.0), (9, 1.0), (10, 2.0)):
+        taken.give(second, value)
+    assert taken.told == [(0, 1.0), (10, 2.0)]
+
+
+def at(rows: list[tuple[float, Any]], second: float) -> float:
+    """What a line from row to row has at a time."""
+    for (first, before), (last, after) in pairwise(rows):
+        if first <= second <= last:
+            return float(before + (after - before) * (second - first) / (last - first))
+    raise AssertionError("not within the rows")
+
+
+@given(st.lists(st.tuples(st.integers(1, 5), st.integers(0, 2), st.integers(1, 15)), min_size=1, max_size=12))
+def test_at_most_each_second_is_so_in_the_long_run_and_what_rests_is_seen(runs: list[tuple[int, int, int]]) -> None:
+    """Each run is a value that comes so often, with a pause in tenths of a second."""
+    taken, given_values, tenth = Taken(Rule(at_most_each_s=1)), list[tuple[float, float]](), 0
+    for pause, value, times in runs:
+        for _ in range(times):
+            while (due := taken.recorder.next_due()) is not None and due <= tenth * S // 10:
+                taken.poll(due / S)
+            given_values.append((tenth / 10, float(value)))
+            taken.give(*given_values[-1])
+            tenth += pause
+    taken.poll(tenth / 10 + 1)
+    taken.rows += [row for _, row in taken.recorder.finish()]
+    seconds = [second for second, _ in taken.told[:-1]]
+    for first, begin in enumerate(seconds):
+        for places, end in enumerate(seconds[first:]):
+            assert end - begin >= places - 1.001
+    for second, number in given_values:
+        beside = [other for when, other in given_values if second - 2.01 <= when <= second + 1.01]
+        if set(beside) == {number} and given_values[0][0] < second - 2.01 and second + 1.01 < given_values[-1][0]:
+            assert at(taken.told, second) == number
+
+
 def test_a_change_of_quality_does_not_wait() -> None:
     taken = Taken(Rule(deadband=100, at_most_each_s=100))
     taken.give(0, 1.0)

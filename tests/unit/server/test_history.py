@@ -43,12 +43,17 @@ class Store:
         self.may_go_on.set()
         self.alive: list[int] = []
         self.is_closed = False
+        self.done: list[str] = []
+        """What it was told to do, in this order."""
+        self.to_tend = 0
+        """Pieces of tending that wait."""
 
     def last_times(self) -> Mapping[NodeId, int]:
         return {}
 
     def write(self, batch: Sequence[Kept], now: int) -> None:
         self.may_go_on.wait(30)
+        self.done.append("write")
         if self.is_away:
             raise StorageUnavailable("history.db: the disk is full; free some space")
         self.rows += batch
@@ -60,9 +65,11 @@ class Store:
         return ListSeries([row for owner, row in self.rows if owner == key])
 
     def tend(self, now: int, days_of: Callable[[NodeId], float], most_bytes: int) -> bool:
+        self.done.append("tend")
         if self.is_untended:
             raise StorageUnavailable("history.db: the disk is full; free some space")
-        return False
+        self.to_tend = max(0, self.to_tend - 1)
+        return self.to_tend > 0
 
     def used_bytes(self) -> int:
         return 0
@@ -234,6 +241,51 @@ async def test_that_old_values_are_not_removed_is_no_word_of_new_ones_not_stored
         await polled(history, clock, lambda: history.stored == 1)
         store.is_untended = False
         await polled(history, clock, lambda: not history.problem)
+
+
+async def done_in(history: HistoryService, store: Store, clock: Clock, polls: int, pause_s: float) -> str:
+    """What the store does while a value comes before each poll: w and t, in a time that goes by itself."""
+    now = asyncio.get_running_loop().time() + clock.second
+    store.done.clear()
+    for number in range(polls):
+        give(history, clock, float(number))
+        history.poll(now + number * pause_s)
+        await history.in_thread(lambda: None)
+        await asyncio.sleep(0)
+    return "".join(done[0] for done in store.done)
+
+
+@pytest.mark.parametrize("pause_s", [0.05, 0.3])
+async def test_the_store_is_tended_each_second_while_values_keep_coming(pause_s: float) -> None:
+    store, clock = Store(), Clock()
+    async with service(store, clock) as history:
+        done = await done_in(history, store, clock, int(20 / pause_s), pause_s)
+        assert 15 <= done.count("t") <= 21
+        assert done.count("w") >= 40
+        store.over_limit = "takes 12 MB with its old values removed, and history.megabytes is 10"
+        await done_in(history, store, clock, int(3 / pause_s), pause_s)
+        assert store.over_limit in history.problem
+
+
+async def test_writes_have_their_turn_while_there_is_much_to_tend() -> None:
+    store, clock = Store(), Clock()
+    store.to_tend = 1_000
+    async with service(store, clock) as history:
+        done = await done_in(history, store, clock, 100, 0.3)
+        assert "ww" not in done
+        assert "tt" not in done
+        done = await done_in(history, store, clock, 100, 0.05)
+        assert "tttt" in done, "there is time between two writes"
+        assert done.count("w") >= 18
+
+
+async def test_a_store_that_is_away_is_not_tended() -> None:
+    store, clock = Store(), Clock()
+    async with service(store, clock) as history:
+        store.is_away = True
+        give(history, clock, 1.0)
+        await polled(history, clock, lambda: bool(history.problem))
+        assert set(await done_in(history, store, clock, 300, 0.1)) == {"w"}
 
 
 async def test_a_slow_store_holds_nobody_up() -> None:

@@ -197,6 +197,45 @@ def test_what_is_too_much_is_removed_while_a_node_is_compacted(tmp_path: Path) -
         assert store.used_bytes() < megabytes
 
 
+def test_what_is_too_much_is_removed_of_some_nodes_at_once(tmp_path: Path) -> None:
+    def remaining(store: SqliteHistory, keys: list[NodeId]) -> list[Row]:
+        return [row for key in keys for row in store.series(key).between(EARLIEST, LATEST, 100)]
+
+    keys = [NodeId(2, 1001 + number) for number in range(250)]
+    rows = [(key, Row(at * SECOND, 0, 15, bytes(1_000))) for at in range(1, 41) for key in keys]
+    with contextlib.closing(SqliteHistory(tmp_path / HISTORY_FILE)) as store:
+        store.write(rows, 40 * SECOND)
+        most = store.used_bytes() * 9 // 10
+        pieces: list[int] = []
+        for _ in range(3):
+            before = len(remaining(store, keys))
+            assert store.tend(41 * SECOND, lambda _key: 1e6, most)
+            pieces.append(before - len(remaining(store, keys)))
+        assert pieces == [200, 200, 100], "two rows of each node, of 100 at once"
+
+
+def test_a_removal_that_fails_holds_up_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_given: object) -> None:
+        raise StorageUnavailable("full")
+
+    with contextlib.closing(SqliteHistory(tmp_path / HISTORY_FILE)) as store:
+        store.write([*ROWS, *[(NodeId(2, 1002), Row(10_000, 0, 15, bytes(100_000)))]], 9_000)
+        now, most = 9_000 + 119 * SECOND, 100_000
+        store.tend(9_000, lambda _key: 1e6, most)
+        with monkeypatch.context() as broken:
+            broken.setattr(store, "_remove_old", fails)
+            with pytest.raises(StorageUnavailable, match="full"):
+                store.tend(now, lambda _key: 1e6, most)
+        assert store.tend(now, lambda _key: 1e6, most)
+        assert store.used_bytes() > most, "it looks at ages, and removes in the next round"
+        while store.tend(now, lambda _key: 1e6, most):
+            pass
+        assert store.used_bytes() > most
+        while store.tend(now + 60 * SECOND, lambda _key: 1e6, most):
+            pass
+        assert store.used_bytes() <= most
+
+
 def test_the_age_of_all_nodes_is_looked_at_while_one_is_compacted(tmp_path: Path) -> None:
     other, day = NodeId(2, 1002), 86_400 * SECOND
     large = bytes(1_000_000)

@@ -10,6 +10,7 @@ import shutil
 import sqlite3
 import stat
 import tarfile
+from collections.abc import Callable
 from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -32,7 +33,7 @@ from ua_fleet.storage.process_lock import process_lock
 from ua_fleet.storage.server_records import ServerRecords
 from ua_fleet.storage.state_backup import write_backup
 from ua_fleet.storage.state_files import BackupDamaged, Manifest, state_files
-from ua_fleet.storage.state_restore import open_work, put_in_place, unpacked
+from ua_fleet.storage.state_restore import Restored, open_work, put_in_place, unpacked
 from ua_fleet.wire.security import SecurityPolicy
 
 MADE = datetime(2026, 3, 1, 8, tzinfo=UTC)
@@ -75,7 +76,7 @@ def backup(tmp_path: Path, folders: dict[str, Path]) -> Path:
     return tmp_path / "hall.tar"
 
 
-def restore(file: Path, folders: dict[str, Path], tmp_path: Path, after: timedelta = timedelta(hours=1)) -> list[Path]:
+def restore(file: Path, folders: dict[str, Path], tmp_path: Path, after: timedelta = timedelta(hours=1)) -> Restored:
     with unpacked(file, "0.1.0", tmp_path) as (manifest, within):
         return put_in_place(within, folders, manifest, MADE + after)
 
@@ -174,7 +175,8 @@ def test_a_restore_takes_the_place_of_what_is_there(tmp_path: Path, folders: dic
     (server / "users.yaml").write_text("others")
     (server / "later.json").write_text("later")
     (server / "pki" / "later.der").write_text("later")
-    moved = restore(file, folders, tmp_path)
+    moved, broken = restore(file, folders, tmp_path)
+    assert broken == []
     assert (server / "users.yaml").read_text() == "users"
     assert stat.S_IMODE((server / "users.yaml").stat().st_mode) == 0o600
     assert stat.S_IMODE((server / "pki" / "own.der").stat().st_mode) == 0o644
@@ -197,7 +199,7 @@ def test_a_restore_takes_the_place_of_what_is_there(tmp_path: Path, folders: dic
 
 def test_a_restore_in_an_empty_place(tmp_path: Path, folders: dict[str, Path]) -> None:
     there = fleet(tmp_path / "new")
-    assert restore(backup(tmp_path, folders), there, tmp_path) == []
+    assert restore(backup(tmp_path, folders), there, tmp_path) == ([], [])
     assert [file.name for file in state_files(there)] == [
         file.name for file in state_files(folders) if not file.path.name.endswith("control")
     ]
@@ -266,6 +268,26 @@ def test_no_number_of_a_lease_is_given_twice(tmp_path: Path, folders: dict[str, 
     last = max(later.next() for _ in range(3_000))
     restore(file, folders, tmp_path)
     assert LeaseNumbers(bridge).next() > last
+
+
+@pytest.mark.parametrize("content", ["", "{}", "[]", '"text"', '{"groups": []}', '{"groups": {"a": 1}}', "[" * 100_000])
+@pytest.mark.parametrize("name", ["nonces.json", "security-groups.json", "lease_numbers.json"])
+def test_a_file_that_is_broken_is_restored_as_it_is_and_told(
+    tmp_path: Path, folders: dict[str, Path], name: str, content: str
+) -> None:
+    path = folders["bridge-cell"] / name
+    path.write_text(content)
+    file = backup(tmp_path, folders)
+    path.unlink()
+    assert restore(file, folders, tmp_path).broken == [path]
+    assert path.read_text() == content
+    opened: dict[str, Callable[[], object]] = {
+        "nonces.json": lambda: FileNonces(path.parent),
+        "security-groups.json": lambda: load_groups(path),
+        "lease_numbers.json": lambda: LeaseNumbers(path.parent).next(),
+    }
+    with pytest.raises(UaFleetError, match="json"):
+        opened[name]()
 
 
 def test_requests_without_an_end_are_only_asked_after(tmp_path: Path, folders: dict[str, Path]) -> None:

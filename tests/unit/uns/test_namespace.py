@@ -176,6 +176,30 @@ def test_many_topics_keep_the_server_from_no_other_work_and_new_values_go_first(
     assert {each.payload for each in said[1:]} == {b"null"}
 
 
+def test_values_that_do_not_change_are_said_while_new_ones_never_end() -> None:
+    """More of them change in a second than may be sent. What the broker has is of an earlier life of the server."""
+    data = {f"v{number}": {"id": number, "type": "Double"} for number in range(1, 3001)}
+    namespace = make()
+    namespace.remove("rover")
+    namespace.add(rover({"rover": {"bridge": "mobile", "data": data}}))
+    namespace.connected(0.0)
+    said: list[float] = []
+    news = 0
+    for tenth in range(800):
+        now = tenth / 10
+        for number in range(1, 2501) if tenth % 10 == 0 else ():
+            namespace.changed(ValueChanged(NodeId(2, number), DOUBLE, now, 0, NOON, True), now)
+        namespace.poll(now)
+        for each in sent(namespace, now):
+            news += each.payload not in {b"null", b"online"}
+            if each.topic == AT + "v3000":
+                said.append(now)
+    first, again = said
+    assert first <= 3
+    assert 60 <= again <= 65, "after a third of the expiry"
+    assert news >= 0.9 * 80 * MOST_PER_S, "new values have what is left"
+
+
 def test_a_refused_message_is_counted() -> None:
     namespace = make()
     namespace.connected(0.0)

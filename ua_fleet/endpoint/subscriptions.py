@@ -345,7 +345,9 @@ class ClientSubscription:
             old.late.pop(self.id, None)
             if not old.subscriptions:
                 old.refuse_requests(StatusCodes.BadNoSubscription)
+        self._registry.count_no_more(self)  # without a name its holder is its session's address
         self.session = session
+        self._registry.count_for_holder(self)
         session.subscriptions[self.id] = self
         self.touch()
 
@@ -366,6 +368,8 @@ class SubscriptionRegistry(SubscriptionService):
         self.keeper: EventKeeper | None = None
         """Keeps each event, for the history."""
         self.queues = Queues(limits.queued_bytes_per_user, limits.queued_bytes)
+        self._held: dict[str, dict[int, ClientSubscription]] = {}
+        """Those of each user, or address without one: looked at with each answer, and others' are many."""
         self.answering = Places()
         """Of the subscriptions of each user, one has the turn to answer."""
 
@@ -386,6 +390,7 @@ class SubscriptionRegistry(SubscriptionService):
         # asyncua declares its own class here and uses no more of it than ours has.
         registry: dict[int, Any] = self.subscriptions
         registry[subscription.id] = subscription
+        self.count_for_holder(subscription)
         session.subscriptions[subscription.id] = subscription
         if self.created is not None:
             try:
@@ -408,11 +413,23 @@ class SubscriptionRegistry(SubscriptionService):
     def forget(self, subscription: ClientSubscription) -> None:
         """Take a subscription out of the registry and of its session."""
         self.subscriptions.pop(subscription.id, None)
+        self.count_no_more(subscription)
         if (session := subscription.session) is not None:
             session.subscriptions.pop(subscription.id, None)
             session.late.pop(subscription.id, None)
             if not session.subscriptions:
                 session.refuse_requests(StatusCodes.BadNoSubscription)
+
+    def count_for_holder(self, subscription: ClientSubscription) -> None:
+        """Count a subscription for its holder; before that changes, `count_no_more`."""
+        self._held.setdefault(subscription.holder, {})[subscription.id] = subscription
+
+    def count_no_more(self, subscription: ClientSubscription) -> None:
+        """Count it for its holder no more."""
+        held = self._held.get(subscription.holder, {})
+        held.pop(subscription.id, None)
+        if not held:
+            self._held.pop(subscription.holder, None)
 
     async def delete(self, subscription: ClientSubscription) -> None:
         """End a subscription."""
@@ -457,8 +474,7 @@ class SubscriptionRegistry(SubscriptionService):
             kept += greediest.kept_bytes
 
     def _of(self, holder: str) -> Iterator[ClientSubscription]:
-        everything: list[Any] = list(self.subscriptions.values())
-        return (each for each in everything if isinstance(each, ClientSubscription) and each.holder == holder)
+        return iter(self._held.get(holder, {}).values())
 
     def orphans(self, user: User) -> int:
         """Subscriptions of a user that no session owns."""

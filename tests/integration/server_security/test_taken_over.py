@@ -28,3 +28,4 @@ async def test_what_is_taken_over_while_its_session_ends_stays(hardened: Door) -
             one for one, result in zip(ids[-5:], answer.Parameters.Results, strict=True) if result.StatusCode.is_good()
         ]
         assert [one for one in taken if registry.find(one) is None] == []
+    assert [one for held in registry._held.values() for one in held if registry.find(one) is None] == []

@@ -78,6 +78,9 @@ class Ros2ActionPort(ActionPort[Ros2Graph, _Goal]):
         ready = self._send.is_ready and self._result.is_ready
         return "" if ready else self._no_server
 
+    def _cannot_be_told(self, now: float) -> str:
+        return "" if self._cancel.is_ready else self._no_server
+
     def _tell(self, execution_id: bytes, request: Any, now: float) -> None:
         self._goals[execution_id] = _Goal(now + GOAL_ANSWER_S)
         self._send.call(request, partial(self._on_goal, execution_id, now))

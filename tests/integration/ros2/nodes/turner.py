@@ -1,7 +1,7 @@
 # pyright: basic, reportMissingImports=false, reportPrivateImportUsage=false
 """A robot with an action server /turn (robot_msgs/Turn). Prints what it is told.
 
-It refuses angles above 360, and aborts those below -360.
+It refuses angles above 360, and aborts those below -360. For 360 it takes a second to decide.
 """
 
 import time
@@ -41,6 +41,9 @@ def turn(goal: Any) -> Any:
 
 
 def decide(goal: Any) -> GoalResponse:
+    if goal.angle == 360:
+        say("decides")
+        time.sleep(1.0)
     return GoalResponse.REJECT if goal.angle > 360 else GoalResponse.ACCEPT
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from structlog.testing import capture_logs
 from ua_bridges.ros2.skills import action
 
 from tests.integration.actions.requesting import requesting
@@ -201,3 +202,27 @@ async def test_halt_before_the_server_has_taken_the_goal_is_told_again(ros2: Ros
         assert isinstance(end, ExecutionEnded)
         assert end.message == "it was halted"
     turner.wait_for("canceled")
+
+
+async def test_server_that_does_not_cancel_is_logged_once_and_told_again(ros2: Ros2Space, turner: Child) -> None:
+    with capture_logs() as logs:
+        async with skilled_driver(ros2.domain, SKILLS) as skilled:
+            execution_id = skilled.begin(TURN, 359.0, 4.0)
+            await skilled.until_at_it(execution_id)
+            skilled.halt(TURN, execution_id)
+            assert await skilled.end(execution_id) == ExecutionEnded(execution_id, 0, (359.0,))
+    (said,) = [entry for entry in logs if "does not cancel" in entry["event"]]
+    assert (said["action"], said["reason"], said["skill"]) == ("/turn", "refused", "carrier.turn")
+    assert turner.lines.count("is to cancel") > 1
+
+
+async def test_goal_that_is_slow_to_stop_is_no_goal_that_is_not_canceled(ros2: Ros2Space, turner: Child) -> None:
+    with capture_logs() as logs:
+        async with skilled_driver(ros2.domain, SKILLS) as skilled:
+            execution_id = skilled.begin(TURN, 358.0, 30.0)
+            await skilled.until_at_it(execution_id)
+            skilled.halt(TURN, execution_id)
+            end = await skilled.end(execution_id)
+            assert isinstance(end, ExecutionEnded)
+            assert end.message == "it was halted"
+    assert [entry for entry in logs if "does not cancel" in entry["event"]] == []

@@ -2,6 +2,7 @@
 """A robot with an action server /turn (robot_msgs/Turn). Prints what it is told.
 
 It refuses angles above 360, and aborts those below -360. For 360 it takes a second to decide.
+A goal of 359 it does not cancel, and one of 358 takes 2.5 s to stop.
 """
 
 import time
@@ -26,6 +27,7 @@ def turn(goal: Any) -> Any:
     began = time.monotonic()
     while (spent := time.monotonic() - began) < asked.seconds:
         if goal.is_cancel_requested:
+            time.sleep(2.5 if asked.angle == 358 else 0.0)
             say("canceled")
             goal.canceled()
             return result
@@ -47,13 +49,18 @@ def decide(goal: Any) -> GoalResponse:
     return GoalResponse.REJECT if goal.angle > 360 else GoalResponse.ACCEPT
 
 
+def decide_to_cancel(goal: Any) -> CancelResponse:
+    say("is to cancel")
+    return CancelResponse.REJECT if goal.request.angle == 359 else CancelResponse.ACCEPT
+
+
 server = ActionServer(
     node,
     Turn,
     "/turn",
     turn,
     goal_callback=decide,
-    cancel_callback=lambda _: CancelResponse.ACCEPT,
+    cancel_callback=decide_to_cancel,
     callback_group=ReentrantCallbackGroup(),
 )
 executor = MultiThreadedExecutor()

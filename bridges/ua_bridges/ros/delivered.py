@@ -16,12 +16,14 @@ import os
 import stat
 import struct
 import tempfile
+import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 from ua_fleet.topics import Topic
 
-__all__ = ["STATE_VARIABLE", "Delivered", "state_folder"]
+__all__ = ["STATE_VARIABLE", "Delivered", "OnItsWay", "state_folder"]
 
 STATE_VARIABLE: Final = "UA_FLEET_RUNTIME_DIR"
 """Names the folder of these files; else it is `ua_fleet` in XDG_RUNTIME_DIR, or a folder of the user's in /tmp."""
@@ -52,6 +54,31 @@ def state_folder() -> Path | None:
     return folder if private else None
 
 
+class OnItsWay:
+    """A message that goes several ways, each now or later: when all are over, and it went at least one, it is noted."""
+
+    def __init__(self, ways: int, note: Callable[[], None]) -> None:
+        self._left, self._note = ways, note
+        self._has_gone = False
+        self._lock = threading.Lock()
+
+    def gone(self) -> None:
+        """It went one way. Callable from any thread."""
+        self._over(has_gone=True)
+
+    def failed(self) -> None:
+        """It cannot go one way, ever."""
+        self._over(has_gone=False)
+
+    def _over(self, *, has_gone: bool) -> None:
+        with self._lock:
+            self._left -= 1
+            self._has_gone = self._has_gone or has_gone
+            is_over = not self._left and self._has_gone
+        if is_over:
+            self._note()
+
+
 class Delivered:
     """The Timestamp of the last message of each topic that was published into a space.
 
@@ -63,6 +90,7 @@ class Delivered:
         name = hashlib.sha256("\0".join(str(part) for part in identity).encode()).hexdigest()[:20]
         self._before: dict[Topic, int] = {}
         self._slots: dict[Topic, int] = {}
+        self._lock = threading.Lock()
         self._file = -1
         self._map: mmap.mmap | None = None
         if folder is not None:
@@ -98,14 +126,15 @@ class Delivered:
         return self._before.get(topic)
 
     def note(self, topic: Topic, timestamp: int | None) -> None:
-        """Remember that the message is published now."""
-        if self._map is None or timestamp is None:
-            return
-        slot = self._slots.get(topic)
-        if slot is None:
-            self._add(topic, timestamp)
-        else:
-            _TIMESTAMP.pack_into(self._map, slot * _ENTRY.size + _TIMESTAMP_OFFSET, timestamp)
+        """Remember that the message is published now. Callable from any thread."""
+        with self._lock:
+            if self._map is None or timestamp is None:
+                return
+            slot = self._slots.get(topic)
+            if slot is None:
+                self._add(topic, timestamp)
+            else:
+                _TIMESTAMP.pack_into(self._map, slot * _ENTRY.size + _TIMESTAMP_OFFSET, timestamp)
 
     def _add(self, topic: Topic, timestamp: int) -> None:
         assert self._map is not None
@@ -119,7 +148,8 @@ class Delivered:
 
     def close(self) -> None:
         """Close the file; it stays for the next bridge."""
-        if self._map is not None:
-            self._map.close()
-            os.close(self._file)
-            self._map = None
+        with self._lock:
+            if self._map is not None:
+                self._map.close()
+                os.close(self._file)
+                self._map = None

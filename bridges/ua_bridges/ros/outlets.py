@@ -11,11 +11,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
-from ua_bridges.ros.delivered import Delivered
+from ua_bridges.ros.delivered import Delivered, OnItsWay
 from ua_bridges.ros.errors import ConversionError
 from ua_bridges.ros.feed import Mapped
 from ua_bridges.ros.fields import is_same_type
@@ -29,12 +29,14 @@ from ua_fleet.fleet.matching import FieldOrder
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FrameKind
 
-__all__ = ["MAX_MIRRORED", "Outlet", "Outlets", "Publishing", "Values"]
+__all__ = ["MAX_MIRRORED", "Gone", "Outlet", "Outlets", "Publishing", "Values"]
 
 MAX_MIRRORED: Final = 2000
 """Topics of other spaces that are published here; each costs a publisher, and anybody may send new ones."""
 
 Values = tuple[Any, ...]
+Gone = Callable[[], None]
+"""Told that a message has been published; callable from any thread."""
 
 
 class Outlet(Protocol):
@@ -43,8 +45,11 @@ class Outlet(Protocol):
     name: str
     """Full name of the topic."""
 
-    def publish(self, values: Values) -> int:
-        """Publish one message, or hold it until the subscribers are there; how many held ones went for it."""
+    def publish(self, values: Values, gone: Gone) -> int:
+        """Publish one message, or hold it until the subscribers are there; how many held ones went for it.
+
+        `gone` is called when it is published, and never for one that is held to the end.
+        """
         ...
 
     def write(self, values: Values) -> bool:
@@ -111,7 +116,7 @@ class _Sink(NamedTuple, Generic[AnyOutlet]):
 
     outlet: AnyOutlet | Dropped
     order: FieldOrder
-    gate: RateGate[Values] | None
+    gate: RateGate[tuple[Values, OnItsWay]] | None
 
 
 class Outlets(Generic[AnyOutlet]):
@@ -150,7 +155,7 @@ class Outlets(Generic[AnyOutlet]):
     def add_sink(self, data: Mapped, *, takes_setpoints: bool = False) -> None:
         """Write a DataSet to the robot's own topic, too."""
         outlet: AnyOutlet | Dropped
-        gate: RateGate[Values] | None = None
+        gate: RateGate[tuple[Values, OnItsWay]] | None = None
         try:
             outlet = self._publishing.sink(data, takes_setpoints=takes_setpoints)
         except UaFleetError as error:
@@ -160,7 +165,7 @@ class Outlets(Generic[AnyOutlet]):
         else:
             if data.side.max_rate_hz is not None:
                 limited = Dropped(Drop.RATE_LIMITED)
-                deliver = partial(self._send, outlet)
+                deliver = partial(self._send_in_turn, outlet)
                 gate = RateGate(data.side.max_rate_hz, self._loop, deliver, lambda: self._inlet.put(limited))
         self._sinks.setdefault(data.topic, []).append(_Sink(outlet, data.order, gate))
 
@@ -180,22 +185,24 @@ class Outlets(Generic[AnyOutlet]):
             for outlet in (mirrored.outlet, *[sink.outlet for sink in sinks]):
                 if not isinstance(outlet, Dropped):
                     outlet.supersede()
+        way = OnItsWay(1 + len(sinks), partial(self._delivered.note, topic, message.timestamp))
         sent = False
         if not (sinks and isinstance(mirrored.outlet, Dropped)):  # what reaches its sink needs no form as a UA topic
-            sent = self._send(mirrored.outlet, () if mirrored.form is None else mirrored.form.values(message))
+            sent = self._send(mirrored.outlet, () if mirrored.form is None else mirrored.form.values(message), way)
+        else:
+            way.failed()
         for sink in sinks:
             try:
                 values = sink.order.arranged(metadata, message.values)
             except FieldMissing as error:
                 self._inlet.put(Dropped(Drop.CONVERSION, detail=str(error)))
+                way.failed()
                 continue
             if sink.gate is None:
-                sent = self._send(sink.outlet, values) or sent
+                sent = self._send(sink.outlet, values, way) or sent
             else:
-                sink.gate.offer(values)
+                sink.gate.offer((values, way))
                 sent = True
-        if sent:
-            self._delivered.note(topic, message.timestamp)
         return sent
 
     def _remember(
@@ -239,20 +246,25 @@ class Outlets(Generic[AnyOutlet]):
                     self._inlet.put(Dropped(Drop.NOT_CONNECTED))
 
     def close(self) -> None:
-        """Hand nothing on of what waits for its turn."""
+        """Hand nothing on of what waits for its turn: the next bridge will, since it is not noted as delivered."""
         for sinks in self._sinks.values():
             for sink in sinks:
                 if sink.gate is not None:
                     sink.gate.close()
 
-    def _send(self, outlet: AnyOutlet | Dropped, values: Values) -> bool:
+    def _send_in_turn(self, outlet: AnyOutlet, item: tuple[Values, OnItsWay]) -> None:
+        self._send(outlet, *item)
+
+    def _send(self, outlet: AnyOutlet | Dropped, values: Values, way: OnItsWay) -> bool:
         if isinstance(outlet, Dropped):
             self._inlet.put(outlet)
+            way.failed()
             return False
         try:
-            lost = outlet.publish(values)
+            lost = outlet.publish(values, way.gone)
         except self._publishing.failures as error:
             self._inlet.put(Dropped(Drop.CONVERSION, detail=f"{outlet.name}: {error}"))
+            way.failed()
             return False
         self.count_lost(outlet.name, lost)
         return True

@@ -16,6 +16,7 @@ import rospy
 
 from ua_bridges.ros.codec import compile_encoder
 from ua_bridges.ros.convert import compile_writer
+from ua_bridges.ros.outlets import Gone
 from ua_bridges.ros1.classes import MessageType
 
 __all__ = ["QUEUE_SIZE", "Outlet"]
@@ -99,7 +100,7 @@ class Outlet:
         if self._encode is not None:
             published = self._make = _serialized_class(kind)
         self._publisher = rospy.Publisher(name, published, queue_size=queue_size, latch=latched, tcp_nodelay=True)
-        self._held: deque[Any] | None = deque()
+        self._held: deque[tuple[Any, Gone]] | None = deque()
         self._remembered: Any = None
         self._owed: frozenset[str] = frozenset()
         self.is_latched = latched
@@ -120,16 +121,17 @@ class Outlet:
             return True
         return subscribers is not None and int(self._publisher.get_num_connections()) >= subscribers
 
-    def publish(self, values: Sequence[Any]) -> int:
+    def publish(self, values: Sequence[Any], gone: Gone) -> int:
         """Publish one message, or hold it until the subscribers are there; raises ConversionError.
 
-        Returns how many held messages, the oldest, went for it.
+        Returns how many held messages, the oldest, went for it. `gone` is called when it is published.
         """
         message = self._message(values)
         if self._held is None:
             self._publisher.publish(message)
+            gone()
             return 0
-        self._held.append(message)
+        self._held.append((message, gone))
         if len(self._held) <= QUEUE_SIZE:
             return 0
         self._held.popleft()
@@ -186,8 +188,9 @@ class Outlet:
         self._owed = owed
         self._latch()
         held, self._held = self._held, None
-        for message in held or ():
+        for message, gone in held or ():
             self._publisher.publish(message)
+            gone()
 
     def close(self) -> int:
         """End the publisher; how many messages it held that go with it."""

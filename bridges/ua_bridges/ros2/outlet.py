@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from ua_bridges.ros.convert import Writer
+from ua_bridges.ros.outlets import Gone
 from ua_bridges.ros2.classes import MessageType
 from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.qos import Offer, Qos
@@ -44,7 +45,7 @@ class HeldPublisher:
         """The last message. DataSets that share a topic each set their fields in it, and leave those of the others."""
         self._publisher: Any = None
         self._is_open = False
-        self._held: deque[Any] = deque()
+        self._held: deque[tuple[Any, Gone]] = deque()
         self._lock = threading.Lock()
         self._hold_until = 0.0
         self._matched_at: float | None = None
@@ -65,15 +66,16 @@ class HeldPublisher:
 
         return make
 
-    def publish(self, make: Make, values: Sequence[Any]) -> int:
+    def publish(self, make: Make, values: Sequence[Any], gone: Gone) -> int:
         """Publish one message, or hold it until the subscribers are there; raises ConversionError.
 
-        Returns how many held messages, the oldest, went for it.
+        Returns how many held messages, the oldest, went for it. `gone` is called in either thread.
         """
         message = make(values)
-        lost = None if self._is_open else self._hold(message)
+        lost = None if self._is_open else self._hold(message, gone)
         if lost is None:
             self._publisher.publish(message)  # rclpy serialises it before it returns
+            gone()
         return lost or 0
 
     def write(self, make: Make, values: Sequence[Any]) -> bool:
@@ -90,12 +92,12 @@ class HeldPublisher:
         """How many subscribers have matched."""
         return self._publisher.get_subscription_count() if self._is_open else 0
 
-    def _hold(self, message: Any) -> int | None:
+    def _hold(self, message: Any, gone: Gone) -> int | None:
         """Keep a copy of the message until the outlet is open, and how many went for it; None if it is open by now."""
         with self._lock:
             if self._is_open:
                 return None
-            self._held.append(copy.deepcopy(message))
+            self._held.append((copy.deepcopy(message), gone))
             if len(self._held) <= MOST_HELD:
                 return 0
             self._held.popleft()
@@ -151,8 +153,9 @@ class HeldPublisher:
             if not self._held:
                 self._is_open = True
                 return True
-            message = self._held.popleft()
+            message, gone = self._held.popleft()
         self._publisher.publish(message)
+        gone()
         return False
 
     def close(self, node: Ros2Node) -> int:

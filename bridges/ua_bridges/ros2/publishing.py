@@ -13,7 +13,7 @@ from ua_bridges.ros.convert import compile_writer
 from ua_bridges.ros.errors import SchemaInvalid
 from ua_bridges.ros.feed import Mapped
 from ua_bridges.ros.form import Form, with_stamp
-from ua_bridges.ros.outlets import Publishing, Values
+from ua_bridges.ros.outlets import Gone, Publishing, Values
 from ua_bridges.ros.sink import compile_sink
 from ua_bridges.ros2.classes import load_type, make
 from ua_bridges.ros2.outlet import HeldPublisher, Make
@@ -53,9 +53,9 @@ class Ros2Outlet:
         self.name, self.publisher = publisher.name, publisher
         self._make, self._attendant, self._call = make_message, attendant, call
 
-    def publish(self, values: Values) -> int:
+    def publish(self, values: Values, gone: Gone) -> int:
         """See Outlet."""
-        return self.publisher.publish(self._make, values)
+        return self.publisher.publish(self._make, values, gone)
 
     def write(self, values: Values) -> bool:
         """See Outlet."""

@@ -63,7 +63,7 @@ SKILLS: dict[str, Any] = {
         "id": COUNT,
         "arguments": {"tenths": {"type": "Int32"}},
         "results": {"counted": {"type": "Int32"}},
-        "timeout_s": 30.0,
+        "timeout_s": 60.0,
         "via": {
             "action": {
                 "name": "/count",
@@ -131,6 +131,10 @@ class Robot:
 
     def halt(self, skill: int, execution_id: bytes) -> None:
         self._requestor.commands.halt(Topic(SPACE, 2, skill), "arm", execution_id)
+
+    async def outcome(self, execution_id: bytes) -> RequestOutcome:
+        """What became of a request, as a halt."""
+        return await self._requestor.outcome(execution_id)
 
     def restart_bridge(self) -> None:
         """Kill the bridge and start it anew."""

@@ -15,7 +15,7 @@ from tests.integration.ros1.ros1_graph import Ros1Graph
 from tests.integration.ros1.skilled import COUNT, DRIVE, FAIL, HOLD, MOVE, NO, Robot
 from tests.waiting import until
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.skill.executions import ExecutionState, OutcomeKind
+from ua_fleet.skill.executions import ExecutionState, OutcomeKind, halt_id
 from ua_fleet.values import StatusCode
 
 pytestmark = pytest.mark.needs("ros1")
@@ -100,6 +100,33 @@ async def test_killed_bridge_finds_out_what_became_of_it(
     assert ended[:2] == (state, results), ended
     await asyncio.sleep(1.0)
     assert len(robot.told()) == 1, "never twice"
+
+
+@pytest.mark.parametrize(("skill", "values"), [(COUNT, (400,)), (DRIVE, ("dock", 9.0))])
+async def test_halt_that_was_asked_for_while_the_bridge_was_away_is_told(
+    robot: Robot, skill: int, values: tuple[Any, ...]
+) -> None:
+    execution_id = await robot.begin(skill, *values)
+    robot.bridge.end(signal.SIGKILL)
+    robot.halt(skill, execution_id)
+    await asyncio.to_thread(robot.restart_bridge)
+    state, _, message = await robot.end(execution_id)
+    assert (state, message) == (FAILED, "it was halted")
+
+
+async def test_robot_that_was_away_when_it_was_halted_is_told_when_it_is_back(robot: Robot) -> None:
+    execution_id = await robot.begin(COUNT, 400)
+    robot.bridge.end(signal.SIGKILL)
+    robot.node.process.send_signal(signal.SIGSTOP)
+    try:
+        await asyncio.to_thread(robot.restart_bridge)
+        robot.halt(COUNT, execution_id)
+        halting = await robot.outcome(halt_id(execution_id))
+    finally:
+        robot.node.process.send_signal(signal.SIGCONT)
+    assert (halting.kind, halting.report.state) == (OutcomeKind.ACCEPTED, DONE), "the robot will be told"
+    state, _, message = await robot.end(execution_id)
+    assert (state, message) == (FAILED, "it was halted")
 
 
 async def test_goal_that_ended_while_the_bridge_was_away_is_done(robot: Robot) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import secrets
 import signal
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from structlog.testing import capture_logs
 from ua_bridges.ros2.skills import action
 
 from tests.integration.actions.requesting import requesting
@@ -141,3 +143,86 @@ async def test_killed_bridge_learns_the_truth_when_it_is_back(ros2: Ros2Space, t
         assert (outcome.kind, outcome.report.state) == (OutcomeKind.ACCEPTED, ExecutionState.DONE)
         assert [result.value for result in unpack(outcome.report.result)] == [20.0]
     assert told(turner) == ["20.0"], "once"
+
+
+async def test_halt_that_was_asked_for_while_the_bridge_was_away_is_told(ros2: Ros2Space, turner: Child) -> None:
+    robots = {"carrier": {"bridge": "mobile", "skill_status_id": 1000, "skills": SKILLS}}
+    bridge = ros2.bridge(robots)
+    config = FleetConfig.model_validate({"version": 1, "pubsub": ros2.fleet()["pubsub"]})
+    async with requesting(config, ros2.folder) as requestor:
+        target, execution_id = Topic(ros2.domain, 2, TURN), secrets.token_bytes(16)
+        asking = asyncio.ensure_future(requestor.invoke(target, (20.0, 18.0), 20.0, execution_id))
+        await until(lambda: told(turner), "the robot's beginning")
+        bridge.end(signal.SIGKILL)
+        requestor.commands.halt(target, "carrier", execution_id)
+        ros2.bridge(robots)
+        outcome = await asking
+        assert (outcome.report.state, outcome.report.message) == (ExecutionState.FAILED, "it was halted")
+    turner.wait_for("canceled")
+
+
+async def test_robot_that_was_away_when_it_was_halted_is_told_when_it_is_back(ros2: Ros2Space, turner: Child) -> None:
+    skills = {"turn": {**SKILLS["turn"], "timeout_s": 120.0}}
+    async with skilled_driver(ros2.domain, skills) as skilled:
+        under_way = skilled.begin(TURN, 20.0, 100.0)
+        await skilled.until_at_it(under_way)
+        turner.process.send_signal(signal.SIGSTOP)
+        try:
+            (port,) = skilled.driver._skills  # pyright: ignore[reportPrivateUsage]
+            await until(lambda: port.absent, "the bridge's notice")
+            skilled.halt(TURN, under_way)
+        finally:
+            turner.process.send_signal(signal.SIGCONT)
+        end = await skilled.end(under_way)
+        assert isinstance(end, ExecutionEnded)
+        assert end.message == "it was halted"
+    turner.wait_for("canceled")
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.05])
+async def test_halt_in_the_first_moments_of_a_bridge_is_told(ros2: Ros2Space, turner: Child, after_s: float) -> None:
+    async with skilled_driver(ros2.domain, SKILLS) as skilled:
+        under_way = skilled.begin(TURN, 20.0, 18.0)
+        await skilled.until_at_it(under_way)
+    async with skilled_driver(ros2.domain, SKILLS) as skilled:
+        skilled.driver.query(skilled.execution(TURN, 20.0, 18.0, execution_id=under_way))
+        await asyncio.sleep(after_s)
+        skilled.halt(TURN, under_way)
+        end = await skilled.end(under_way)
+        assert isinstance(end, ExecutionEnded)
+        assert end.message == "it was halted"
+
+
+async def test_halt_before_the_server_has_taken_the_goal_is_told_again(ros2: Ros2Space, turner: Child) -> None:
+    async with skilled_driver(ros2.domain, SKILLS) as skilled:
+        execution_id = skilled.begin(TURN, 360.0, 18.0)
+        await asyncio.to_thread(turner.wait_for, "decides")
+        skilled.halt(TURN, execution_id)
+        end = await skilled.end(execution_id)
+        assert isinstance(end, ExecutionEnded)
+        assert end.message == "it was halted"
+    turner.wait_for("canceled")
+
+
+async def test_server_that_does_not_cancel_is_logged_once_and_told_again(ros2: Ros2Space, turner: Child) -> None:
+    with capture_logs() as logs:
+        async with skilled_driver(ros2.domain, SKILLS) as skilled:
+            execution_id = skilled.begin(TURN, 359.0, 4.0)
+            await skilled.until_at_it(execution_id)
+            skilled.halt(TURN, execution_id)
+            assert await skilled.end(execution_id) == ExecutionEnded(execution_id, 0, (359.0,))
+    (said,) = [entry for entry in logs if "does not cancel" in entry["event"]]
+    assert (said["action"], said["reason"], said["skill"]) == ("/turn", "refused", "carrier.turn")
+    assert turner.lines.count("is to cancel") > 1
+
+
+async def test_goal_that_is_slow_to_stop_is_no_goal_that_is_not_canceled(ros2: Ros2Space, turner: Child) -> None:
+    with capture_logs() as logs:
+        async with skilled_driver(ros2.domain, SKILLS) as skilled:
+            execution_id = skilled.begin(TURN, 358.0, 30.0)
+            await skilled.until_at_it(execution_id)
+            skilled.halt(TURN, execution_id)
+            end = await skilled.end(execution_id)
+            assert isinstance(end, ExecutionEnded)
+            assert end.message == "it was halted"
+    assert [entry for entry in logs if "does not cancel" in entry["event"]] == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 
 from tests.integration.peer import Peer
 from tests.integration.ros2.conftest import Ros2Space, heard
+from tests.integration.ros2.test_mapped import SPEED, announce_speed, sink
 from tests.system import ROOT, clean_environment
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
@@ -157,3 +159,21 @@ async def test_robot_that_is_restarted_with_the_bridge_gets_the_current_value(ro
         await peer.until(lambda: heard(robot))
         peer.publish(FOREIGN, 8)
         await peer.until(lambda: numbers(heard(robot)) == [7, 8])
+
+
+@pytest.mark.parametrize("ending", [signal.SIGTERM, signal.SIGKILL])
+async def test_value_that_waited_for_its_turn_is_published_by_the_next_bridge(
+    ros2: Ros2Space, ending: signal.Signals
+) -> None:
+    robots = sink(max_rate_hz=0.2)
+    bridge = ros2.bridge(robots)
+    listener = ros2.listener("/cmd_vel", "geometry_msgs/Twist")
+    async with Peer.at(ros2.udp_url, space=0) as peer:
+        announce_speed(peer)
+        peer.publish(SPEED, 1.0)
+        await peer.until(lambda: heard(listener))
+        peer.publish(SPEED, 0.0)
+        await asyncio.sleep(0.3)
+        bridge.end(ending)
+        ros2.bridge(robots)
+        await peer.until(lambda: len(heard(listener)) == 2)

@@ -75,8 +75,9 @@ class ActionPort(SkillPort[Graph_contra], Generic[Graph_contra, AnyGoal]):
             if self._executing.get(execution_id) is None:
                 del self._goals[execution_id]
             elif not self._follow(execution_id, goal, now) and goal.give_up_at is not None and now >= goal.give_up_at:
+                untold = self._have_stopped(execution_id, now)
+                said = self._untold(untold) if untold else "it was canceled, and does not end; see what the robot does"
                 self._close(execution_id)
-                said = "it was canceled, and does not end; see what the robot does"
                 self._executing.end(execution_id, self._too_long(said))
 
     @abstractmethod
@@ -94,4 +95,4 @@ class ActionPort(SkillPort[Graph_contra], Generic[Graph_contra, AnyGoal]):
             super()._give_up(opened, now)
         elif goal.give_up_at is None:
             goal.give_up_at = now + CANCEL_S
-            self._stop(opened.execution_id, now)
+            self._have_stopped(opened.execution_id, now)

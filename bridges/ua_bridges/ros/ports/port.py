@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Final, Generic, NamedTuple, Protocol, TypeVar
 
 from ua_bridges.ros.schema import MessageSchema
 from ua_bridges.ros.skills import SkillSpec
@@ -23,6 +23,8 @@ __all__ = ["APPEARS_S", "Graph_contra", "Listened", "LoadedType", "SkillGraph", 
 
 APPEARS_S: Final = 3.0
 """So long after the bridge's start the robot's side may be there and not be discovered yet."""
+STOP_AGAIN_S: Final = 1.0
+"""A robot is told to stop an execution no more often than this."""
 
 
 class LoadedType(NamedTuple):
@@ -70,11 +72,27 @@ class Listened(NamedTuple):
     """Told that the topic's publisher is there (the text is empty), or why not."""
 
 
+class _Stop:
+    """An execution that is to stop, and has not ended."""
+
+    __slots__ = ("is_due", "told_at")
+
+    def __init__(self) -> None:
+        self.is_due = True
+        """Whether the robot is to be told (again)."""
+        self.told_at: float | None = None
+        """When it was told last."""
+
+
 Graph_contra = TypeVar("Graph_contra", bound=SkillGraph, contravariant=True)
 
 
 class SkillPort(ABC, Generic[Graph_contra]):
     """See the module."""
+
+    repeats_halt: ClassVar[bool] = True
+    """Whether the robot is told to stop until the execution ends: one word may be lost, or come before the robot has
+    begun. It names the execution, and so disturbs no other."""
 
     def __init__(self, spec: SkillSpec, executing: Executing, put: Callable[[DriverEvent], None]) -> None:
         self.spec, self._executing, self._put = spec, executing, put
@@ -87,6 +105,7 @@ class SkillPort(ABC, Generic[Graph_contra]):
         self.cannot_suspend = "a robot stands and goes on only in what its own program offers; this skill has `via`"
         """The same for standing in the middle of it."""
         self._opened_at = 0.0
+        self._stopping: dict[bytes, _Stop] = {}
         self._waiting: dict[bytes, tuple[float, Callable[[float], None]]] = {}
         """What was begun while the robot's side was not seen yet: until when it waits, and the step to take."""
 
@@ -138,6 +157,7 @@ class SkillPort(ABC, Generic[Graph_contra]):
         if self.problem:
             return
         self.absent = self._look(now)
+        self._tell_to_stop(now)
         for execution_id, (until, step) in list(self._waiting.items()):
             if self.absent and now < until:
                 continue
@@ -182,7 +202,28 @@ class SkillPort(ABC, Generic[Graph_contra]):
         if self._waiting.pop(execution_id, None) is not None:
             self._halted(execution_id)
         elif self._executing.get(execution_id) is not None:
-            self._stop(execution_id, now)
+            self._have_stopped(execution_id, now)
+
+    def _have_stopped(self, execution_id: bytes, now: float) -> str:
+        """Tell the robot to stop, now or when it is there; why it has not been told yet, empty where it has."""
+        stop = self._stopping.setdefault(execution_id, _Stop())
+        stop.is_due = True
+        self._tell_to_stop(now)
+        return self._cannot_be_told(now) if stop.told_at is None else ""
+
+    def _tell_to_stop(self, now: float) -> None:
+        for execution_id, stop in list(self._stopping.items()):
+            if self._executing.get(execution_id) is None:
+                del self._stopping[execution_id]
+                continue
+            is_soon = stop.told_at is not None and now < stop.told_at + STOP_AGAIN_S
+            if stop.is_due and not is_soon and not self._cannot_be_told(now):
+                stop.is_due, stop.told_at = self.repeats_halt, now
+                self._stop(execution_id, now)
+
+    def _cannot_be_told(self, now: float) -> str:
+        """Why the robot would not hear now that it is to stop; empty where it would."""
+        return self._look(now)
 
     @abstractmethod
     def _stop(self, execution_id: bytes, now: float) -> None:
@@ -206,6 +247,11 @@ class SkillPort(ABC, Generic[Graph_contra]):
     def _give_up(self, opened: Open, now: float) -> None:
         """Have the robot stop, where it can, and say that it took too long."""
         self._executing.end(opened.execution_id, self._too_long("see what the robot does"))
+
+    @staticmethod
+    def _untold(why: str) -> str:
+        """What people are to know of a robot that goes on since it could not be told to stop."""
+        return f"it could not be told to stop: {why}; see what the robot does"
 
     def _too_long(self, more: str) -> Ended:
         return Ended(StatusCode.BAD_TIMEOUT, (), f"it took longer than {self.spec.config.timeout_s:g} s; {more}")

@@ -116,6 +116,10 @@ class ProgramPort(SkillPort[SkillGraph]):
                 self._spoken.publish(self._class(data=query_text(execution_id)))
                 self._ask_at[execution_id] = now + ANSWER_S
 
+    def _cannot_be_told(self, now: float) -> str:
+        """It hears before it has said anything."""
+        return self._spoken.look(now)
+
     def _stop(self, execution_id: bytes, now: float) -> None:
         self._spoken.publish(self._class(data=cancel_text(execution_id)))
 
@@ -129,8 +133,10 @@ class ProgramPort(SkillPort[SkillGraph]):
 
     def _give_up(self, opened: Open, now: float) -> None:
         """The program is asked to stop; of one that never answered nobody knows what it did."""
-        self._stop(opened.execution_id, now)
+        untold = self._have_stopped(opened.execution_id, now)
         if opened.told is None:
             self._executing.forget(opened.execution_id, "the robot's program never answered; see what the robot does")
         else:
-            self._executing.end(opened.execution_id, opened.too_long(is_halted=True))
+            self._executing.end(
+                opened.execution_id, opened.too_long(is_halted=not untold, otherwise=self._untold(untold))
+            )

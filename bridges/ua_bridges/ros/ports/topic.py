@@ -24,6 +24,8 @@ __all__ = ["TopicPort"]
 class TopicPort(SkillPort[SkillGraph]):
     """See the module."""
 
+    repeats_halt = False  # it names no execution, and may mean more to the robot than to stop this one
+
     def __init__(
         self, spec: SkillSpec, way: TopicSkill, executing: Executing, put: Callable[[DriverEvent], None]
     ) -> None:
@@ -105,18 +107,21 @@ class TopicPort(SkillPort[SkillGraph]):
     def _ask(self, execution_id: bytes, now: float) -> None:
         self._executing.forget(execution_id, f"{self._name} tells nothing of a time before; see what the robot does")
 
-    def _stop(self, execution_id: bytes, now: float) -> None:
-        if self._say_halt():
-            self._executing.told_to_stop(execution_id, now)
+    def _cannot_be_told(self, now: float) -> str:
+        """The status topic is not needed for that."""
+        return self._spoken.look(now)
 
-    def _say_halt(self) -> bool:
-        if self._way.halt is None:
-            return False
-        self._spoken.publish(fill_constants(self._kind.schema, self._way.halt, self._kind.cls()))
-        return True
+    def _stop(self, execution_id: bytes, now: float) -> None:
+        if self._way.halt is not None:
+            self._spoken.publish(fill_constants(self._kind.schema, self._way.halt, self._kind.cls()))
+            self._executing.told_to_stop(execution_id, now)
 
     def _give_up(self, opened: Open, now: float) -> None:
         if opened.is_told_to_stop:
             self._executing.forget(opened.execution_id)
+        elif self._way.halt is None:
+            self._executing.end(opened.execution_id, opened.too_long(is_halted=False))
         else:
-            self._executing.end(opened.execution_id, opened.too_long(is_halted=self._say_halt()))
+            untold = self._have_stopped(opened.execution_id, now)
+            ended = opened.too_long(is_halted=not untold, otherwise=self._untold(untold))
+            self._executing.end(opened.execution_id, ended)

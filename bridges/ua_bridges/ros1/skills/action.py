@@ -112,6 +112,9 @@ class Ros1ActionPort(ActionPort[Ros1Graph, _Goal]):
     def _look(self, now: float) -> str:
         return next((why for why in self._missing.values() if why), "") or self._tells.look(now)
 
+    def _cannot_be_told(self, now: float) -> str:
+        return self._cancels.look(now)
+
     def _tell(self, execution_id: bytes, request: Any, now: float) -> None:
         self._goals[execution_id] = _Goal()
         self._tells.publish(request)
@@ -213,7 +216,7 @@ class Ros1ActionPort(ActionPort[Ros1Graph, _Goal]):
         if goal is None or goal.was_seen:
             super()._give_up(opened, now)
             return
-        self._stop(opened.execution_id, now)
+        self._have_stopped(opened.execution_id, now)
         self._close(opened.execution_id)
         self._executing.forget(opened.execution_id, f"the server of {self._name} never reported it")
 

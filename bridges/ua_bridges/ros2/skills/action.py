@@ -6,13 +6,16 @@ that it has sent itself.
 
     begin      send_goal -> accepted -> get_result -> the end
     query      get_result; a goal that the server does not know comes back at once as unknown
-    cancel     cancel_goal; the end comes as the result, which says that it was canceled
+    cancel     cancel_goal; the end comes as the result, which says that it was canceled. A server that does not cancel
+               the goal is logged with its reason
 """
 
 from __future__ import annotations
 
 from functools import partial
 from typing import Any, Final
+
+import structlog
 
 from ua_bridges.ros.ports import ActionPort, Goal
 from ua_bridges.ros.skill_values import RequestFiller, ResponseReader
@@ -25,6 +28,8 @@ from ua_fleet.values import StatusCode
 
 __all__ = ["Ros2ActionPort"]
 
+_log = structlog.get_logger("ua_bridges.ros2")
+
 GOAL_ANSWER_S: Final = 5.0
 """A server answers at once whether it takes a goal; after so long without an answer it is asked for the result."""
 ASK_AGAIN_S: Final = 10.0
@@ -34,18 +39,24 @@ _UNKNOWN, _SUCCEEDED, _CANCELED = 0, 4, 5
 """action_msgs/GoalStatus."""
 _AT_IT: Final = (1, 2, 3)
 
+_NOT_CANCELED: Final = {0: "refused", 1: "refused", 2: "it does not know the goal", 3: "the goal has ended"}
+"""action_msgs/CancelGoal. A server of rclpy that refuses answers 0, without a goal."""
+
 _FEEDBACK: Final = Qos(reliable=True, transient_local=False, depth=100)
 _STATUS: Final = Qos(reliable=True, transient_local=True, depth=1)
 
 
 class _Goal(Goal):
-    """And when its server is asked for the result."""
+    """And when its server is asked for the result, and what it said when it was to cancel it."""
 
-    __slots__ = ("ask_at",)
+    __slots__ = ("ask_at", "is_canceling", "not_canceled")
 
     def __init__(self, ask_at: float) -> None:
         super().__init__()
         self.ask_at = ask_at
+        self.is_canceling = False
+        self.not_canceled: set[str] = set()
+        """Why not, as far as it was logged."""
 
 
 class Ros2ActionPort(ActionPort[Ros2Graph, _Goal]):
@@ -77,6 +88,9 @@ class Ros2ActionPort(ActionPort[Ros2Graph, _Goal]):
     def _look(self, now: float) -> str:
         ready = self._send.is_ready and self._result.is_ready
         return "" if ready else self._no_server
+
+    def _cannot_be_told(self, now: float) -> str:
+        return "" if self._cancel.is_ready else self._no_server
 
     def _tell(self, execution_id: bytes, request: Any, now: float) -> None:
         self._goals[execution_id] = _Goal(now + GOAL_ANSWER_S)
@@ -141,4 +155,23 @@ class Ros2ActionPort(ActionPort[Ros2Graph, _Goal]):
     def _stop(self, execution_id: bytes, now: float) -> None:
         request = self._class.Impl.CancelGoalService.Request()
         request.goal_info.goal_id.uuid = list(execution_id)
-        self._cancel.call(request, lambda _response: None)
+        self._cancel.call(request, partial(self._on_cancel, execution_id))
+
+    def _on_cancel(self, execution_id: bytes, response: Any) -> None:
+        goal = self._goals.get(execution_id)
+        if goal is None or self._executing.get(execution_id) is None:
+            return
+        if response.goals_canceling:
+            goal.is_canceling = True
+        reason = _NOT_CANCELED.get(response.return_code, f"code {response.return_code}")
+        if goal.is_canceling or reason in goal.not_canceled:
+            return  # a goal that is being canceled already is answered as one that has ended
+        goal.not_canceled.add(reason)
+        skill = f"{self.spec.robot}.{self.spec.name}"
+        _log.warning(
+            "an action server does not cancel a goal; see what the robot does",
+            action=self._name,
+            skill=skill,
+            execution_id=execution_id.hex(),
+            reason=reason,
+        )

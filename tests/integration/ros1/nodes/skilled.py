@@ -3,9 +3,9 @@
 
 Prints what it is told. Move (geometry_msgs/Twist on /move) ends by its value: linear.x 1 is done, 2 fails, 3 goes on
 until it is halted by 0; 4 is done after a second, and says so twice. The goal of /count (actionlib/Test) is how many
-tenths of a second it takes; 99 is refused, 98 fails, 96 takes until the process gets SIGUSR1. /hold (std_srvs/SetBool)
-answers at once to true, and after two seconds to false; /fail (std_srvs/Trigger) raises an exception; /no
-(std_srvs/Trigger) says that it did not.
+tenths of a second it takes; 99 is refused, 98 fails, 96 takes until the process gets SIGUSR1. /hold
+(std_srvs/SetBool) answers at once to true, and after two seconds to false; /fail (std_srvs/Trigger) raises an
+exception; /no (std_srvs/Trigger) says that it did not.
 """
 
 import signal
@@ -68,7 +68,7 @@ def do_count(handle: Any, tenths: int) -> None:
         released.wait(60)
         tenths_left = 0
     else:
-        tenths_left = tenths % 98
+        tenths_left = tenths % 98 if tenths < 100 else tenths
     for step in range(tenths_left):
         if handle.get_goal_status().status == 6:
             handle.set_canceled(TestResult(result=step), "stopped")

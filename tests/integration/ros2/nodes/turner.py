@@ -1,7 +1,8 @@
 # pyright: basic, reportMissingImports=false, reportPrivateImportUsage=false
 """A robot with an action server /turn (robot_msgs/Turn). Prints what it is told.
 
-It refuses angles above 360, and aborts those below -360.
+It refuses angles above 360, and aborts those below -360. For 360 it takes a second to decide.
+A goal of 359 it does not cancel, and one of 358 takes 2.5 s to stop.
 """
 
 import time
@@ -26,6 +27,7 @@ def turn(goal: Any) -> Any:
     began = time.monotonic()
     while (spent := time.monotonic() - began) < asked.seconds:
         if goal.is_cancel_requested:
+            time.sleep(2.5 if asked.angle == 358 else 0.0)
             say("canceled")
             goal.canceled()
             return result
@@ -41,7 +43,15 @@ def turn(goal: Any) -> Any:
 
 
 def decide(goal: Any) -> GoalResponse:
+    if goal.angle == 360:
+        say("decides")
+        time.sleep(1.0)
     return GoalResponse.REJECT if goal.angle > 360 else GoalResponse.ACCEPT
+
+
+def decide_to_cancel(goal: Any) -> CancelResponse:
+    say("is to cancel")
+    return CancelResponse.REJECT if goal.request.angle == 359 else CancelResponse.ACCEPT
 
 
 server = ActionServer(
@@ -50,7 +60,7 @@ server = ActionServer(
     "/turn",
     turn,
     goal_callback=decide,
-    cancel_callback=lambda _: CancelResponse.ACCEPT,
+    cancel_callback=decide_to_cancel,
     callback_group=ReentrantCallbackGroup(),
 )
 executor = MultiThreadedExecutor()

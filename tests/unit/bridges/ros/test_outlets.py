@@ -14,7 +14,7 @@ from ua_bridges.ros.errors import ConversionError, SchemaInvalid
 from ua_bridges.ros.feed import Mapped
 from ua_bridges.ros.form import Form
 from ua_bridges.ros.latched import mark_latched
-from ua_bridges.ros.outlets import Outlets, Publishing, Values
+from ua_bridges.ros.outlets import Gone, Outlets, Publishing, Values
 from ua_bridges.ros.topic_mapping import TopicMapping
 
 from tests.waiting import until
@@ -34,17 +34,26 @@ class FakeOutlet:
     def __init__(self, name: str, latched: bool = False) -> None:
         self.name, self.latched = name, latched
         self.sent: list[Any] = []
+        self.held: list[Gone] = []
         self.listeners, self.is_open, self.lost = 1, True, 0
 
-    def publish(self, values: Values) -> int:
+    def publish(self, values: Values, gone: Gone) -> int:
         if values == ("unfit",):
             raise ConversionError("data", "it is no number")
         self.sent.append(values)
+        self.held.append(gone)
+        if self.is_open:
+            self.open()
         return self.lost
+
+    def open(self) -> None:
+        held, self.held = self.held, []
+        for gone in held:
+            gone()
 
     def write(self, values: Values) -> bool:
         if self.is_open:
-            self.publish(values)
+            self.publish(values, lambda: None)
         return self.is_open
 
     def remember(self, values: Values) -> None:
@@ -229,3 +238,50 @@ def test_what_the_bridge_before_has_published_is_kept_and_not_published_again(
     assert second.publish(2.0)
     assert second.sent() == {"/ua_1_2_1001": [("kept", 1.0), "newer", (2.0,)]}
     after.close()
+
+
+class Noted(Delivered):
+    def __init__(self) -> None:
+        super().__init__(None)
+        self.noted: list[int | None] = []
+
+    def note(self, topic: Topic, timestamp: int | None) -> None:
+        self.noted.append(timestamp)
+
+
+def test_what_is_held_is_noted_as_delivered_when_it_is_published(loop: asyncio.AbstractEventLoop) -> None:
+    delivered = Noted()
+    bench = Bench(loop, delivered)
+    bench.publish(1.0)
+    (outlet,) = bench.outlets
+    outlet.is_open = False
+    bench.publish(2.0)
+    assert delivered.noted == [1001]
+    outlet.open()
+    assert delivered.noted == [1001, 1002]
+    bench.publish("unfit")
+    assert delivered.noted == [1001, 1002], "nor is what cannot be published"
+
+
+async def test_what_waits_for_its_turn_is_noted_as_delivered_when_that_comes() -> None:
+    delivered = Noted()
+    bench = Bench(asyncio.get_running_loop(), delivered)
+    bench.add_sink(max_rate_hz=20)
+    for number in range(3):
+        bench.publish(float(number), 0.0, topic=SPEED, fields=TWIST)
+    assert delivered.noted == [1001]
+    await until(lambda: bench.sent()["/cmd"][-1] == (2.0, 0.0), "the turn of the latest")
+    assert delivered.noted == [1001, 1003], "what a newer one has pushed out is not"
+    for number in range(2):
+        bench.publish(float(number), 0.0, topic=SPEED, fields=TWIST)
+    bench.outlets.close()
+    assert bench.timestamp not in delivered.noted, "the bridge after this one publishes it"
+
+
+def test_what_fails_on_one_of_its_ways_is_delivered_by_the_others(loop: asyncio.AbstractEventLoop) -> None:
+    delivered = Noted()
+    bench = Bench(loop, delivered)
+    bench.add_sink(type="nobody_msgs/Thing")
+    bench.add_sink()
+    bench.publish(1.0, 2.0, topic=SPEED, fields=TWIST)
+    assert delivered.noted == [1001]

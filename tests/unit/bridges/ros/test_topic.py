@@ -18,6 +18,7 @@ from ua_fleet.values import StatusCode
 
 ID = bytes(range(16))
 CANCELLED = StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT
+ABSENT = "/go has no subscriber; start the robot's node"
 RUNNING = {"running": "text == 'moving'"}
 HALTED = {"halted": "text == 'stopped'"}
 
@@ -27,9 +28,10 @@ class Published:
 
     def __init__(self) -> None:
         self.messages: list[Any] = []
+        self.absent = ""
 
     def look(self, now: float) -> str:
-        return ""
+        return self.absent
 
     def publish(self, message: Any) -> None:
         self.messages.append(message)
@@ -120,6 +122,56 @@ def test_a_robot_that_ignores_its_halt_is_not_halted(status: dict[str, str]) -> 
     assert bench.ends() == []
     (said,) = bench.forgotten()
     assert "its standstill is not confirmed" in said
+
+
+def test_a_halt_is_told_once_when_the_robot_is_there() -> None:
+    bench = Bench(**RUNNING)
+    spoken = bench.graph.spoken
+    bench.says(state(text="moving"))
+    spoken.absent = ABSENT
+    bench.port.cancel(ID, 1.0)
+    bench.port.turn(2.0)
+    assert len(spoken.messages) == 1
+    spoken.absent = ""
+    for now in (10.0, 10.5, 11.5, 14.0):
+        bench.port.turn(now)
+    assert len(spoken.messages) == 2, "what it means to a robot that goes on nobody knows"
+    bench.port.cancel(ID, 14.1)
+    bench.port.cancel(ID, 14.2)
+    assert len(spoken.messages) == 3
+    for now in (14.5, 15.2, 17.0):
+        bench.port.turn(now)
+    assert len(spoken.messages) == 4, "another word is asked for, and comes a second after the last"
+    bench.give_up(10.0 + HALTED_S)
+    (said,) = bench.forgotten()
+    assert "its standstill is not confirmed" in said, "its time has begun when it was told"
+
+
+def test_a_halt_that_is_not_told_before_the_end_is_not_told_later() -> None:
+    bench = Bench(**RUNNING)
+    bench.says(state(text="moving"))
+    bench.graph.spoken.absent = ABSENT
+    bench.port.cancel(ID, 1.0)
+    bench.says(state(text="there", count=1))
+    assert bench.ends() == [(0, "there")]
+    bench.graph.spoken.absent = ""
+    bench.port.turn(2.0)
+    assert len(bench.graph.spoken.messages) == 1
+
+
+def test_what_is_overdue_says_whether_its_robot_was_told() -> None:
+    bench = Bench(**RUNNING)
+    bench.graph.spoken.absent = ABSENT
+    bench.port.turn(59.0)
+    bench.give_up(60.0)
+    ((_, said),) = bench.ends()
+    assert said == f"it took longer than 60 s; it could not be told to stop: {ABSENT}; see what the robot does"
+    assert len(bench.graph.spoken.messages) == 1
+    bench = Bench(**RUNNING)
+    bench.give_up(60.0)
+    ((_, said),) = bench.ends()
+    assert said == "it took longer than 60 s; it was told to stop"
+    assert len(bench.graph.spoken.messages) == 2
 
 
 def test_a_status_of_the_time_before_is_no_word_of_the_halt() -> None:

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rospy", reason="needs the Python that has rospy")
 
 from ua_bridges.ros.delivered import Delivered
-from ua_bridges.ros.outlets import Outlets
+from ua_bridges.ros.outlets import Gone, Outlets
 from ua_bridges.ros1 import publishing as publishing_module
 from ua_bridges.ros1.classes import needed_type
 from ua_bridges.ros1.outlet import HOLD_S, LATCH_S, QUEUE_SIZE, Outlet
@@ -34,8 +34,9 @@ class Recorded(Outlet):
         self.name, self.kind = name, kind
         self.sent: list[Any] = []
 
-    def publish(self, values: Any) -> int:
+    def publish(self, values: Any, gone: Gone) -> int:
         self.sent.append(values)
+        gone()
         return 0
 
     def close(self) -> int:
@@ -92,7 +93,7 @@ def test_who_connects_late_has_more_time_where_nothing_else_waits(
     )
     remembering.remember((2,))
     publishing.remember((2,))
-    publishing.publish((3,))
+    publishing.publish((3,), lambda: None)
     now += HOLD_S + 0.1
     assert publishing.is_ready(1)
     assert not remembering.is_ready(1)

@@ -52,9 +52,10 @@ ID = bytes(range(16))
 class Spoken:
     def __init__(self) -> None:
         self.said: list[Any] = []
+        self.absent = ""
 
     def look(self, now: float) -> str:
-        return ""
+        return self.absent
 
     def publish(self, message: Any) -> None:
         self.said.append(message)
@@ -178,6 +179,37 @@ def test_canceled_goal_is_halted(acting: Acting) -> None:
     assert (cancel.id, cancel.stamp.to_nsec()) == (ID.hex(), 0)  # with a stamp, older goals would be canceled too
     acting.result(GoalStatus.PREEMPTED)
     assert acting.take() == [ExecutionEnded(ID, StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "it was halted")]
+
+
+def test_halted_goal_is_canceled_when_its_server_is_there_and_until_it_ends(acting: Acting) -> None:
+    acting.begin()
+    cancel = acting.graph.topics["/count/cancel"]
+    cancel.absent = "/count/cancel has no subscriber; start the robot's node"
+    acting.port.cancel(ID, acting.now)
+    acting.later(5.0)
+    assert cancel.said == []
+    cancel.absent = ""
+    for seconds in (0.2, 0.2, 0.5, 0.5):
+        acting.later(seconds)
+    acting.port.cancel(ID, acting.now)
+    assert len(cancel.said) == 2, "once a second"
+    acting.result(GoalStatus.PREEMPTED)
+    acting.later(5.0)
+    assert len(cancel.said) == 2
+
+
+def test_overdue_goal_that_could_not_be_canceled_says_so(acting: Acting) -> None:
+    acting.begin()
+    acting.status((ID, GoalStatus.ACTIVE, ""))
+    acting.graph.topics["/count/cancel"].absent = "/count/cancel has no subscriber; start the robot's node"
+    acting.now += 31
+    for opened in acting.executing.overdue(acting.now):
+        acting.port.overdue(opened, acting.now)
+    acting.take()
+    acting.later(2.5)
+    (ended,) = acting.take()
+    assert isinstance(ended, ExecutionEnded)
+    assert "it could not be told to stop: /count/cancel has no subscriber" in ended.message
 
 
 def test_overdue_goal_is_canceled_and_given_up(acting: Acting) -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 from ua_bridges.ros.convert import compile_writer
 from ua_bridges.ros.errors import ConversionError
@@ -16,6 +18,10 @@ def make(qos: Qos = MIRROR) -> HeldPublisher:
     return HeldPublisher("/ua_1_2_9", KIND, qos)
 
 
+def unheeded() -> None:
+    """Nobody asks whether a message has gone."""
+
+
 def attend(outlet: HeldPublisher, node: FakeNode, now: float) -> bool:
     return outlet.attend(node.as_node(), now, 0.0, lambda _policy: None)
 
@@ -24,7 +30,7 @@ def test_first_messages_wait_until_the_subscribers_have_matched() -> None:
     outlet, node = make(), FakeNode()
     node.there = [publisher(b"s"), publisher(b"t")]
     for number in range(3):
-        outlet.publish(outlet.filling(FILL), (number,))
+        outlet.publish(outlet.filling(FILL), (number,), unheeded)
     node.publisher.matched = 1
     assert not attend(outlet, node, 10.0)
     assert node.publisher.sent == []
@@ -36,14 +42,14 @@ def test_first_messages_wait_until_the_subscribers_have_matched() -> None:
     node.publisher.acknowledged = True
     assert attend(outlet, node, 10.015)
     assert node.publisher.sent == [0, 1, 2]
-    outlet.publish(outlet.filling(FILL), (3,))
+    outlet.publish(outlet.filling(FILL), (3,), unheeded)
     assert node.publisher.sent == [0, 1, 2, 3]
 
 
 def test_they_do_not_wait_for_ever() -> None:
     outlet, node = make(), FakeNode()
     node.there = [publisher(b"s")]
-    outlet.publish(outlet.filling(FILL), (0,))
+    outlet.publish(outlet.filling(FILL), (0,), unheeded)
     assert not attend(outlet, node, 10.0)
     assert attend(outlet, node, 11.0)
     assert node.publisher.sent == [0]
@@ -51,7 +57,7 @@ def test_they_do_not_wait_for_ever() -> None:
 
 def test_messages_that_are_not_held_any_more_are_told() -> None:
     outlet, node = make(), FakeNode()
-    lost = [outlet.publish(outlet.filling(FILL), (number,)) for number in range(MOST_HELD + 2)]
+    lost = [outlet.publish(outlet.filling(FILL), (number,), unheeded) for number in range(MOST_HELD + 2)]
     assert lost == [0] * MOST_HELD + [1, 1]
     attend(outlet, node, 1.0)
     assert node.publisher.sent == [2]
@@ -68,7 +74,7 @@ def test_nobody_is_waited_for_where_nobody_can_match() -> None:
 def test_subscriber_that_acknowledges_nothing_gets_a_moment() -> None:
     outlet, node = make(), FakeNode()
     node.there, node.publisher.matched = [publisher(b"s", reliable=False)], 1
-    outlet.publish(outlet.filling(FILL), (0,))
+    outlet.publish(outlet.filling(FILL), (0,), unheeded)
     assert not attend(outlet, node, 10.0)
     assert node.publisher.sent == []
     assert not attend(outlet, node, 10.06)
@@ -78,7 +84,7 @@ def test_subscriber_that_acknowledges_nothing_gets_a_moment() -> None:
 
 def test_node_that_has_just_come_up_waits_for_what_it_has_not_heard_of() -> None:
     outlet, node = make(), FakeNode()
-    outlet.publish(outlet.filling(FILL), (0,))
+    outlet.publish(outlet.filling(FILL), (0,), unheeded)
     assert not attend(outlet, node, 0.1)
     node.there = [publisher(b"s")]
     assert not attend(outlet, node, 1.05)
@@ -93,7 +99,7 @@ def test_node_that_has_just_come_up_waits_for_what_it_has_not_heard_of() -> None
 def test_value_that_does_not_fit_is_refused(value: object) -> None:
     outlet = make()
     with pytest.raises(ConversionError, match="field data"):
-        outlet.publish(outlet.filling(FILL), (value,))
+        outlet.publish(outlet.filling(FILL), (value,), unheeded)
 
 
 def test_close_ends_the_publisher() -> None:
@@ -102,3 +108,25 @@ def test_close_ends_the_publisher() -> None:
     outlet.close(node.as_node())
     assert node.destroyed == 1
     assert not outlet.is_open
+
+
+def test_a_message_has_gone_when_it_is_published_and_not_while_it_is_held() -> None:
+    outlet, node, gone = make(), FakeNode(), list[int]()
+    node.there = [publisher(b"s")]
+    for number in range(2):
+        outlet.publish(outlet.filling(FILL), (number,), partial(gone.append, number))
+    assert gone == []
+    node.publisher.matched = 1
+    attend(outlet, node, 10.0)
+    assert gone == [0]
+    assert attend(outlet, node, 10.1)
+    assert gone == [0, 1]
+    outlet.publish(outlet.filling(FILL), (2,), partial(gone.append, 2))
+    assert gone == [0, 1, 2]
+
+
+def test_a_message_that_is_held_to_the_end_has_not_gone() -> None:
+    outlet, node, gone = make(), FakeNode(), list[int]()
+    outlet.publish(outlet.filling(FILL), (1,), partial(gone.append, 1))
+    assert outlet.close(node.as_node()) == 1
+    assert gone == []

@@ -257,9 +257,10 @@ class ActionResponder:
         name, target = RequestorName.parse(message.requestor_id), _target_of(message)
         if name is None or name.space not in self._allowed or (self._must_be_verified and not verified):
             return None
-        asks = message.is_request and message.action_state == ActionState.EXECUTING and message.timeout_hint_ms
+        asks = message.is_request and message.action_state == ActionState.EXECUTING
         is_offered = self._offers.get(target) is not None and not self._offers.is_hidden(target, name.space)
-        return target if asks and is_halt(target) and is_offered else None
+        is_wanted = asks and (message.timeout_hint_ms or 0.0) > 0 and is_halt(target)
+        return target if is_wanted and is_offered else None
 
     def begun(self, execution_id: bytes, now: float) -> list[ResponderEffect]:
         """The robot was told: whoever asked may hear that it was accepted."""

@@ -180,7 +180,8 @@ def test_a_robot_is_halted_though_the_disk_is_full() -> None:
     assert [execution.execution_id for execution in robot.halted] == [ID]
     assert len(bench.answers) == before, "what is not recorded has no answer, so that it is asked again"
     ask_to_halt(bench, bytes([7]) * 16)
-    ask_to_halt(bench, timeout_hint_ms=0.0)
+    for hint_ms in (0.0, -1.0):
+        ask_to_halt(bench, timeout_hint_ms=hint_ms)
     assert len(robot.halted) == 1, "of another execution, or asking alone"
     journal.is_full = False
     ask_to_halt(bench)

@@ -126,7 +126,7 @@ def _example(text: str) -> str:
     """A condition that is one, beside a text that is none."""
     words = {word for word in re.findall(r"[a-z]+", text) if keyword.iskeyword(word)} - {"and", "or", "not"}
     if words or "-" in text:
-        return "temperature > 20, and in backquotes a name with - or of a word of Python: `agv-1.temperature` > 20"
+        return "temperature > 20, and in backquotes a name with - or that is a Python keyword: `agv-1.temperature` > 20"
     return "temperature > 20"
 
 

@@ -31,7 +31,7 @@ is not remembered is answered with Unknown and never begun, for it may be one th
 how long a datagram can be on its way, or on clocks that agree.
 
 Clocks matter for lateness alone: issue time plus TimeoutHint, with a tolerance. A clock that differs by more than that
-has requests refused, with both times in the message, rather than begun late. To halt is never late or early.
+has requests refused, with both times in the message, rather than begun late. A halt is never late or early.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import pytest
 
 from ua_fleet.client import DecisionInfo, FaultInfo
 from ua_fleet.config.modbus_schema import ModbusServerConfig
-from ua_fleet.modbus.decisions import DecisionDesk
+from ua_fleet.modbus.decisions import DecisionDesk, PlcAnswer
 from ua_fleet.modbus.image import Image
 from ua_fleet.modbus.memory import CommandMemory
 from ua_fleet.modbus.words import CONTROL, STATUS, DecisionOutcome, control, status
@@ -32,6 +32,13 @@ class Decisions:
         self.image.put(control("chosen", 0), robot)
         self.image.put(control("decision", 0), number)
         self.desk.written(AddressSpan(Table.HOLDING, 2, 1))
+
+    def chosen(self, number: int, robot: int) -> PlcAnswer:
+        """A choice that the server is told now."""
+        self.choose(number, robot)
+        choice = self.desk.take()
+        assert choice is not None
+        return choice
 
     def words(self, *names: str) -> tuple[Any, ...]:
         return tuple(self.image.get(status(name, 0)) for name in names)
@@ -56,9 +63,7 @@ def test_ranking_is_shown_with_the_numbers_of_the_robots(decisions: Decisions) -
 
 def test_choice_is_told_once_and_repeated_ones_are_not(decisions: Decisions) -> None:
     decisions.desk.show([OPEN], [])
-    decisions.choose(1, 3)
-    choice = decisions.desk.take()
-    assert choice is not None
+    choice = decisions.chosen(1, 3)
     assert (choice.decision_id, choice.robot) == ("d1", "drone")
     assert decisions.desk.take() is None
     decisions.desk.answered(choice, DecisionOutcome.TAKEN)
@@ -77,22 +82,16 @@ def test_choice_of_nothing_is_refused(decisions: Decisions, number: int, robot: 
 
 def test_refused_choice_may_be_made_again(decisions: Decisions) -> None:
     decisions.desk.show([OPEN], [])
-    decisions.choose(1, 2)
-    choice = decisions.desk.take()
-    assert choice is not None
+    choice = decisions.chosen(1, 2)
     decisions.desk.answered(choice, DecisionOutcome.REFUSED)
-    decisions.choose(1, 3)
-    again = decisions.desk.take()
-    assert again is not None
+    again = decisions.chosen(1, 3)
     assert again.robot == "drone"
 
 
 def test_the_second_decision_of_a_step_can_be_answered_as_the_first(decisions: Decisions) -> None:
     """The replacement has failed as well: the decision is open again, under its name and number."""
     decisions.desk.show([OPEN], [])
-    decisions.choose(1, 2)
-    choice = decisions.desk.take()
-    assert choice is not None
+    choice = decisions.chosen(1, 2)
     decisions.desk.answered(choice, DecisionOutcome.TAKEN)
     decisions.desk.show([OPEN], [])
     assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN), (
@@ -103,17 +102,13 @@ def test_the_second_decision_of_a_step_can_be_answered_as_the_first(decisions: D
     assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN)
     decisions.desk.show([OPEN], [])
     assert decisions.words("decision", "decided", "outcome") == (1, 0, DecisionOutcome.NONE)
-    decisions.choose(1, 3)
-    again = decisions.desk.take()
-    assert again is not None
+    again = decisions.chosen(1, 3)
     assert again.robot == "drone"
 
 
 def test_choice_that_is_written_in_each_cycle_is_told_once(decisions: Decisions) -> None:
     decisions.desk.show([OPEN], [])
-    decisions.choose(1, 3)
-    choice = decisions.desk.take()
-    assert choice is not None
+    choice = decisions.chosen(1, 3)
     decisions.choose(1, 3)
     assert decisions.desk.take() is None, "the server has not answered yet"
     decisions.desk.answered(choice, DecisionOutcome.TAKEN)
@@ -124,9 +119,7 @@ def test_choice_that_is_written_in_each_cycle_is_told_once(decisions: Decisions)
 
 def test_choice_that_is_wrong_does_not_have_the_one_that_is_told_repeated(decisions: Decisions) -> None:
     decisions.desk.show([OPEN], [])
-    decisions.choose(1, 3)
-    choice = decisions.desk.take()
-    assert choice is not None
+    choice = decisions.chosen(1, 3)
     decisions.choose(9, 3)
     assert decisions.words("decided", "outcome") == (9, DecisionOutcome.REFUSED)
     decisions.choose(1, 3)
@@ -137,9 +130,7 @@ def test_choice_that_is_wrong_does_not_have_the_one_that_is_told_repeated(decisi
 
 def unknown(decisions: Decisions) -> None:
     decisions.desk.show([OPEN], [])
-    decisions.choose(1, 3)
-    choice = decisions.desk.take()
-    assert choice is not None
+    choice = decisions.chosen(1, 3)
     decisions.desk.answered(choice, DecisionOutcome.UNKNOWN)
     decisions.choose(1, 3)
     decisions.desk.refuse()

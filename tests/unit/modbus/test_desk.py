@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +48,13 @@ class Device:
     def restart(self) -> None:
         self.memory.close()
         self.start()
+
+    @contextmanager
+    def full_disk(self) -> Generator[None]:
+        """Nothing is recorded within."""
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(self.memory, "record", full)
+            yield
 
     def write(self, register: Register, value: Any) -> None:
         self.image.put(register, value)
@@ -203,19 +212,16 @@ def full(*_: object) -> None:
     raise StorageUnavailable("the disk is full; free some space")
 
 
-def test_nothing_is_begun_that_cannot_be_remembered(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(device.memory, "record", full)
-    device.command(1)
-    assert device.desk.take() is None
+def test_nothing_is_begun_that_cannot_be_remembered(device: Device) -> None:
+    with device.full_disk():
+        device.command(1)
+        assert device.desk.take() is None
     assert device.answer() == (1, CommandState.REFUSED)
     assert device.message() == "the disk is full; free some space"
 
 
-def test_command_refused_for_a_full_disk_is_not_begun_by_the_same_words_after_a_restart(
-    device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with monkeypatch.context() as on_full_disk:
-        on_full_disk.setattr(device.memory, "record", full)
+def test_command_refused_for_a_full_disk_is_not_begun_by_the_same_words_after_a_restart(device: Device) -> None:
+    with device.full_disk():
         device.command(1)
         device.desk.record_again()
         assert device.memory.last() is None
@@ -229,13 +235,12 @@ def test_command_refused_for_a_full_disk_is_not_begun_by_the_same_words_after_a_
 
 
 def test_end_that_the_disk_did_not_take_is_there_after_a_restart(
-    device: Device, monkeypatch: pytest.MonkeyPatch
+    device: Device,
 ) -> None:
     device.command(1)
     device.desk.take()
     device.desk.began("abc")
-    with monkeypatch.context() as on_full_disk:
-        on_full_disk.setattr(device.memory, "record", full)
+    with device.full_disk():
         device.desk.end(CommandState.DONE, 0, "", {"reached": 1.4})
     device.desk.record_again()
     device.restart()
@@ -246,12 +251,13 @@ def test_end_that_the_disk_did_not_take_is_there_after_a_restart(
 def test_what_the_disk_did_not_take_of_one_command_is_not_recorded_over_the_next(
     device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with monkeypatch.context() as on_full_disk:
-        on_full_disk.setattr(device.memory, "record", full)
+    with device.full_disk():
         device.command(1)
     device.command(2)
-    monkeypatch.setattr(device.memory, "record", full)
+    recorded: list[LastCommand] = []
+    monkeypatch.setattr(device.memory, "record", recorded.append)
     device.desk.record_again()
+    assert recorded == []
     assert device.desk.last == LastCommand(2, 7, CommandState.ASKING) == device.memory.last()
 
 

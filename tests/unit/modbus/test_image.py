@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from tests.config_problems import problems
 from ua_fleet.config.load import load_content
-from ua_fleet.errors import ConfigInvalid
 from ua_fleet.modbus.image import Image
 from ua_fleet.modbus.table import map_rows
 from ua_fleet.registers import AddressSpan, Register, RegisterType, Table
@@ -58,14 +58,6 @@ modbus:
   commands:
     turn: {code: 1, robot: arm, skill: turn, arguments: {to: {table: holding, address: 20}}}
 """
-
-
-def problems(text: str) -> list[str]:
-    try:
-        load_content(text.encode(), "F", {})
-    except ConfigInvalid as invalid:
-        return [str(problem).removeprefix("F:") for problem in invalid.problems]
-    return []
 
 
 def test_a_map_that_is_right() -> None:

@@ -1,9 +1,6 @@
-"""Fleets of Modbus devices, and what `ua-fleet config check` says of them, for the tests here."""
+"""A fleet with a Modbus device, for the tests here."""
 
 from __future__ import annotations
-
-from ua_fleet.config.load import load_content
-from ua_fleet.errors import ConfigInvalid
 
 HEAD = """\
 version: 1
@@ -27,11 +24,3 @@ robots:
     data:
 """
 """19 lines; what a test adds begins on line 20."""
-
-
-def problems(text: str) -> list[str]:
-    try:
-        load_content(text.encode(), "F", {})
-    except ConfigInvalid as invalid:
-        return [str(problem).removeprefix("F:") for problem in invalid.problems]
-    return []

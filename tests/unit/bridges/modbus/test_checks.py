@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.unit.bridges.modbus.plc_fleet import HEAD, problems
+from tests.config_problems import problems
+from tests.unit.bridges.modbus.plc_fleet import HEAD
 
 TWO = HEAD.replace("bridge: plc", "bridge: two")
 

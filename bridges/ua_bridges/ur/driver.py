@@ -17,6 +17,7 @@ import structlog
 from ua_bridges.ur.config import DashboardSkill, RegisterResult, ScriptSkill, UrBridgeConfig, UrSkillMapping
 from ua_bridges.ur.link import CommandLink
 from ua_bridges.ur.outputs import Output
+from ua_bridges.ur.owed_stops import OwedStops
 from ua_bridges.ur.remote import RemoteControl
 from ua_bridges.ur.sinks import sinks_of, speeds_of
 from ua_bridges.ur.speeding import Speeding
@@ -78,6 +79,7 @@ class UrDriver(Driver):
         self._inlet: Inlet | None = None
         self._remote_control: bool | None = None
         self._losses = 0
+        self._owed = OwedStops(bridge.address)
 
     # The event loop's side
 
@@ -249,8 +251,13 @@ class UrDriver(Driver):
 
     def _turn(self, now: float) -> None:
         if driven := self._driven():
+            self._look_at_remote_control(now)
             for speeding in driven:
                 speeding.look(self._link, lambda: self._state, now)
+        for speeding in self._speeds.values():
+            if speeding.take_failure():
+                self._owed.may_be_paused(now)
+        if driven:
             return  # the robot executes nothing else, and nothing must keep its speeds waiting
         state = self._state
         if state is not None:
@@ -259,6 +266,7 @@ class UrDriver(Driver):
                 self._tasks[execution.execution_id] = task
             self._asked.clear()
             self._look_at_remote_control(now)
+            self._owed.settle(self._tasks, self._link, state, now)
             for execution_id, task in list(self._tasks.items()):
                 try:
                     self._follow(execution_id, task, state, now)
@@ -316,7 +324,7 @@ class UrDriver(Driver):
             self._executing.progress(execution_id, told.fraction, told.message)
         elif isinstance(told, Ended):
             if task.moves_arm and told.status == StatusCode.BAD_OUT_OF_SERVICE:
-                self._abandon()
+                self._owed.has_failed(self._link, now)
             self._end(execution_id, told)
         elif isinstance(told, Forgotten):
             self._forget(execution_id, told.message)
@@ -326,28 +334,17 @@ class UrDriver(Driver):
         self._claims.pop(execution_id, None)
         self._executing.forget(execution_id, why)
 
-    def _abandon(self) -> None:
-        """A safety stop pauses the program. It is stopped, so that nobody lets a move go on that has failed."""
-        with suppress(SkillError):
-            self._link.stop_program()
-
     def _halt(self, execution: Execution, task: RobotTask) -> None:
         state = self._state
-        if state is None or execution.execution_id not in self._tasks:
-            return
-        try:
-            task.halt(self._link, state)
-        except SkillError as error:
-            _log.warning("the robot was not halted", controller=self._config.address, reason=str(error))
+        if state is None or execution.execution_id in self._tasks:
+            self._owed.halt(execution.execution_id, task, self._link, state, time.monotonic())
 
     def _give_up(self, opened: Open, state: State | None) -> None:
         execution_id = opened.execution_id
         task = self._tasks.get(execution_id)
         is_halted = False
         if task is not None and task.moves_arm and state is not None:
-            with suppress(SkillError):
-                task.halt(self._link, state)
-                is_halted = True
+            is_halted = self._owed.give_up(execution_id, task, self._link, state, time.monotonic())
         self._asked = [asked for asked in self._asked if asked[0].execution_id != execution_id]
         self._end(execution_id, opened.too_long(is_halted=is_halted))
 

@@ -75,7 +75,7 @@ class CommandLink:
         Raises:
             SkillError: it does not run, or another program does.
         """
-        is_playing = is_playing or self._has_begun_one()
+        is_playing = is_playing or self.has_begun_one()
         if not self._is_open:
             self.call("control", "open", is_playing, timeout_s=_OPEN_S)
             self._is_open = True
@@ -85,7 +85,7 @@ class CommandLink:
             self.check_own_program()
         self.has_control = True
 
-    def _has_begun_one(self) -> bool:
+    def has_begun_one(self) -> bool:
         """Whether a program was begun since the state was told, which a busy machine takes in late."""
         try:
             return bool(self.call("dashboard", "running"))
@@ -134,9 +134,9 @@ class CommandLink:
             is_moving, _ = self.operation()
             if is_moving:
                 self.call("control", "stopJ", deceleration, timeout_s=_STOP_S)
+            return is_moving and not self.operation()[0]  # a paused program does not hear it, and nothing says so
         except SkillError:
             return False
-        return is_moving
 
     def stop_control(self) -> None:
         """End the control program.

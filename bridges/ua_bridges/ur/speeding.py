@@ -66,6 +66,8 @@ class Speeding:
         """Why the last start failed, or what has ended."""
         self._has_ended = False
         """Whether the program has ended, and nobody was told."""
+        self._has_failed = False
+        """Whether the program has ended by itself or by somebody else, and `take_failure` has not said so."""
         self._awaits_zero = False
         """Whether speeds are zero for the arm until one is."""
         self.is_armed = False
@@ -158,5 +160,11 @@ class Speeding:
         while (state := state_of()) is not None and state.runtime is RuntimeState.PLAYING and time.monotonic() < until:
             time.sleep(_LOOK_S)
 
+    def take_failure(self) -> bool:
+        """Whether the program has ended otherwise than by `leave`; said once."""
+        has_failed, self._has_failed = self._has_failed, False
+        return has_failed
+
     def _end(self, problem: str) -> None:
         self.is_armed, self._problem, self._has_ended = False, problem, bool(problem)
+        self._has_failed = bool(problem)

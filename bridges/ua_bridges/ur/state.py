@@ -9,11 +9,13 @@ from typing import Any, Final
 
 from ua_bridges.ur.modes import RobotMode, RuntimeState, SafetyMode, mode_of
 
-__all__ = ["ControllerClock", "State", "remark_of", "stop_of"]
+__all__ = ["ControllerClock", "State", "WallClock", "remark_of", "stop_of"]
 
 _STANDS_RAD_S: Final = 1e-3
 _LEAK_S_S: Final = 2e-4
 """So fast the clock follows a controller's that is slower than ours."""
+_AT_ONCE_NS: Final = 20_000
+"""What it takes to look at two clocks, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +26,8 @@ class State:
     """The controller's own clock, s since it was switched on."""
     source_time_ns: int
     """The same time, ns since 1970."""
+    taken_s: float
+    """The same time, s of this machine's monotonic clock."""
     values: Mapping[str, Any]
     """By names of RTDE."""
 
@@ -62,7 +66,7 @@ class State:
 
 
 class ControllerClock:
-    """The controller's time since it was switched on, in ours.
+    """The controller's time since it was switched on, in our monotonic time, which nobody sets.
 
     The offset is the least that was seen between the two: a sample that waited on its way does not make it later.
     """
@@ -71,9 +75,9 @@ class ControllerClock:
         self._offset_s = math.inf
         self._last = -math.inf
 
-    def unix_ns(self, stamp: float, received_ns: int) -> int:
-        """The time of a sample, ns since 1970."""
-        offset = received_ns / 1e9 - stamp
+    def taken_s(self, stamp: float, received_s: float) -> float:
+        """When a sample was taken, s."""
+        offset = received_s - stamp
         if stamp < self._last:  # the controller was switched off in between
             self._offset_s = offset
         elif self._offset_s < math.inf:
@@ -81,7 +85,24 @@ class ControllerClock:
         else:
             self._offset_s = offset
         self._last = stamp
-        return round((self._offset_s + stamp) * 1e9)
+        return self._offset_s + stamp
+
+
+class WallClock:
+    """Our wall clock beside our monotonic one, as it is set now."""
+
+    def __init__(self) -> None:
+        self._offset_ns: int | None = None
+
+    def looked_at(self, before_ns: int, wall_ns: int, after_ns: int) -> None:
+        """Both were looked at: the monotonic one before and after. Nothing is learnt where something came between."""
+        if self._offset_ns is None or after_ns - before_ns <= _AT_ONCE_NS:
+            self._offset_ns = wall_ns - before_ns
+
+    def unix_ns(self, monotonic_s: float) -> int:
+        """A time of the monotonic clock, ns since 1970."""
+        assert self._offset_ns is not None, "it was never looked at"
+        return round(monotonic_s * 1e9) + self._offset_ns
 
 
 _STOPS: Final[Mapping[SafetyMode, str]] = {

@@ -186,7 +186,7 @@ class ScriptTask(Task):
 
     def begin(self, link: CommandLink, state: State, now: float) -> None:
         """See RobotTask."""
-        if state.runtime is RuntimeState.PLAYING:
+        if state.runtime is RuntimeState.PLAYING or link.has_begun_one():
             link.take_control(is_playing=True)  # refused where the program that runs is somebody else's
         self.is_told = True
         link.send_script(self._program)
@@ -290,30 +290,39 @@ class StopTask(Task):
         self._is_slowed = self._is_ended = False
         """Whether a move was slowed down, and a program ended."""
         self._moves_since: float | None = None
+        self._began = 0.0
 
     def begin(self, link: CommandLink, state: State, now: float) -> None:
         """See RobotTask."""
-        self.is_told = True
-        if state.runtime is RuntimeState.PLAYING:
-            self._is_slowed = link.stop_move(self._way.deceleration)
-        if not self._is_slowed and state.runtime is not RuntimeState.STOPPED:
-            self._end_program(link)
+        self.is_told, self._began = True, now
+        self._is_slowed = link.stop_move(self._way.deceleration)
+        if not self._is_slowed:
+            self._end_program(link, state)
 
-    def _end_program(self, link: CommandLink) -> None:
+    def _end_program(self, link: CommandLink, state: State) -> None:
+        """Have any program stopped, also where the state shows none: it may be late."""
         self._is_ended = True
-        link.stop_program()
+        try:
+            link.stop_program()
+        except SkillFailed:
+            if state.runtime is not RuntimeState.STOPPED or link.has_begun_one():
+                raise
+            self._is_ended = False  # there is none
 
     def resume(self, state: State, now: float) -> None:
         """See RobotTask."""
+        self._began = now
 
     def look(self, link: CommandLink, state: State, now: float) -> Told:
         """See RobotTask."""
+        if state.taken_s < self._began:
+            return None  # of before, and late
         if state.stands and not (self._is_ended and state.runtime is not RuntimeState.STOPPED):
             return Ended(0)
         if self._moves_since is None:
             self._moves_since = now
         elif self._is_slowed and not self._is_ended and now - self._moves_since >= SETTLED_S:
-            self._end_program(link)  # another one than ur-rtde's moves the arm
+            self._end_program(link, state)  # another one than ur-rtde's moves the arm
         return Progress(0.0)
 
     def check_can_halt(self) -> None:

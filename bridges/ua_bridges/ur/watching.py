@@ -14,7 +14,7 @@ import structlog
 
 from ua_bridges.ur.config import UrBridgeConfig
 from ua_bridges.ur.library.child import ChildEnded, ChildFailed, LibraryChild, NoAnswer
-from ua_bridges.ur.state import ControllerClock, State, stop_of
+from ua_bridges.ur.state import ControllerClock, State, WallClock, stop_of
 from ua_bridges.ur.telemetry import Telemetry
 from ua_fleet.bridge.driver import DriverEvent, DriverStatus, SampleRead, SourceFound, SourceLost
 from ua_fleet.bridge.offenders import Offenders
@@ -41,7 +41,7 @@ _log = structlog.get_logger(__name__)
 class SaidSample(NamedTuple):
     """A sample of the child; see `library.receiving`."""
 
-    received_ns: int
+    received_s: float
     lost: int
     stamp: float
     values: dict[str, Any]
@@ -99,7 +99,7 @@ class Watcher:
         self._config, self._telemetry, self._faults, self._offenders = config, telemetry, faults, offenders
         priority = config.real_time_priority or 0
         self._arguments = (config.address, f"{frequency_hz:g}", str(priority), json.dumps(variables))
-        self._clock = ControllerClock()
+        self._clock, self._wall_clock = ControllerClock(), WallClock()
         self._stopping = threading.Event()
         self._has_noted = False
         self._detail = f"connecting to {config.address}"
@@ -222,7 +222,9 @@ class Watcher:
         return None
 
     def _take(self, said: SaidSample) -> None:
-        state = State(said.stamp, self._clock.unix_ns(said.stamp, said.received_ns), said.values)
+        taken_s = self._clock.taken_s(said.stamp, said.received_s)
+        self._wall_clock.looked_at(time.monotonic_ns(), time.time_ns(), time.monotonic_ns())
+        state = State(said.stamp, self._wall_clock.unix_ns(taken_s), taken_s, said.values)
         if self.state is None:
             self._detail = f"connected to {self._config.address}"
             _log.debug("connected to the controller", controller=self._config.address)

@@ -196,6 +196,24 @@ async def test_a_protective_stop_ends_the_lease_and_what_it_is_said_with(cell: C
             while "protective stop" not in (refused := await anna.acquire()).report.message:
                 assert refused.kind is OutcomeKind.REFUSED
         assert refused.kind is OutcomeKind.REFUSED
+        # What the stop has paused is the bridge's own program: nobody lets it go on, and the arm is driven again.
+        await stopped(cell)
+        async with asyncio.timeout(WAIT_S):
+            while cell.controller.state()["safety_mode"] == "PROTECTIVE_STOP":  # it is not unlocked at once
+                await asyncio.to_thread(dashboard, cell.controller.host, "unlock protective stop")
+        await turning(cell, anna)
+
+
+async def test_who_switches_to_local_control_has_the_arm(cell: Cell) -> None:
+    async with driving(cell.config, cell.folder, "anna") as (anna,):
+        await turning(cell, anna)
+        await asyncio.to_thread(cell.controller.do, "remote_control", on=False)
+        async with asyncio.timeout(WAIT_S):
+            while anna.status is not None and anna.status.lease:
+                await anna.drive(0.1, SPEED)
+        assert anna.status is not None
+        assert "local control" in anna.status.last_end
+        await stopped(cell)
 
 
 @pytest.mark.parametrize("cell", [0.02], indirect=True)

@@ -4,7 +4,7 @@ The library keeps the last sample only, so it is looked at more often than sampl
 shows as a gap in the controller's time, and is counted. PRIORITY, where it is not 0, is the one of SCHED_FIFO.
 
 A line `{"note": ".."}` comes before it connects, with what could not be had. Each sample is a line
-`[received_ns, lost, timestamp, {name: value}]`; what ends it is a line `{"error": ".."}`. VARIABLES is a JSON object:
+`[received_s, lost, timestamp, {name: value}]`; what ends it is a line `{"error": ".."}`. VARIABLES is a JSON object:
 name in RTDE to the library's method and its arguments.
 """
 
@@ -45,7 +45,7 @@ def _run(output: Output, host: str, frequency: float, variables: dict[str, list[
         if stamp == last or stamp == 0.0:
             time.sleep(_LOOK_S)
             continue
-        received_ns = time.time_ns()
+        received_s = time.monotonic()
         due = time.monotonic() + max(period - _EARLY_S, period / 4)
         values: dict[str, Any] = {}
         for _ in range(_MOST_READS):  # again where the next sample came in between
@@ -56,7 +56,7 @@ def _run(output: Output, host: str, frequency: float, variables: dict[str, list[
             stamp = after
         lost = 0 if last is None or stamp < last else max(round((stamp - last) / period) - 1, 0)
         last = stamp
-        output.say([received_ns, lost, stamp, values])
+        output.say([received_s, lost, stamp, values])
     output.say({"error": "the controller closed the connection"})
 
 

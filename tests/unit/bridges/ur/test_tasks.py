@@ -37,7 +37,7 @@ VALUES: dict[str, Any] = {
 
 
 def state(**values: Any) -> State:
-    return State(1.0, 1, {**VALUES, **values})
+    return State(1.0, 1, 1.0, {**VALUES, **values})
 
 
 UNDER_WAY: dict[str, Any] = {
@@ -65,6 +65,9 @@ class Link:
 
     def operation(self) -> tuple[bool, int]:
         return True, 1
+
+    def has_begun_one(self) -> bool:
+        return False
 
     def send_script(self, program: str) -> None:
         self.call(program)

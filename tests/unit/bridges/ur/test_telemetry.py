@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ua_bridges.ur.modes import RobotMode, RuntimeState, SafetyMode
 from ua_bridges.ur.outputs import find_output
-from ua_bridges.ur.state import ControllerClock, State, remark_of, stop_of
+from ua_bridges.ur.state import ControllerClock, State, WallClock, remark_of, stop_of
 from ua_bridges.ur.telemetry import Source, Telemetry
 from ua_bridges.ur.variables import VARIABLES, Kind, read_path
 from ua_bridges.ur.watching import Faults
@@ -36,7 +36,7 @@ VALUES: dict[str, Any] = {
 
 
 def state(time: float, **values: Any) -> State:
-    return State(time, round(time * SECOND), {**VALUES, **values})
+    return State(time, round(time * SECOND), time, {**VALUES, **values})
 
 
 def source(path: str, rate: float, *, only_changes: bool = False, is_aging: bool = False, number: int = 11) -> Source:
@@ -147,19 +147,36 @@ def test_lost_samples_are_counted_and_told_once() -> None:
 @given(st.lists(st.floats(0.0, 0.05), min_size=2, max_size=50))
 def test_clock_follows_the_controllers(delays: list[float]) -> None:
     """Whatever the way takes, times differ as the controller's do, but for what the clock learns."""
-    clock, began = ControllerClock(), 1_700_000_000.0
-    times = [clock.unix_ns(5.0 + n * 0.002, round((began + n * 0.002 + late) * 1e9)) for n, late in enumerate(delays)]
+    clock, began = ControllerClock(), 7_000.0
+    times = [clock.taken_s(5.0 + n * 0.002, began + n * 0.002 + late) for n, late in enumerate(delays)]
     for number, time in enumerate(times):
-        true = (began + number * 0.002) * 1e9
-        assert true - 1e6 <= time <= true + 0.05 * 1e9 + 1e6
+        true = began + number * 0.002
+        assert true - 1e-3 <= time <= true + 0.05 + 1e-3
     best = min(delays)
-    assert times[-1] == pytest.approx((began + (len(delays) - 1) * 0.002 + best) * 1e9, abs=2e6)
+    assert times[-1] == pytest.approx(began + (len(delays) - 1) * 0.002 + best, abs=2e-3)
 
 
 def test_clock_begins_anew_with_the_controller() -> None:
     clock = ControllerClock()
-    assert clock.unix_ns(1000.0, 5000 * SECOND) == 5000 * SECOND
-    assert clock.unix_ns(1.0, 6000 * SECOND) == 6000 * SECOND
+    assert clock.taken_s(1000.0, 5000.0) == 5000.0
+    assert clock.taken_s(1.0, 6000.0) == 6000.0
+
+
+@pytest.mark.parametrize("step_s", [3600, -3600])
+def test_times_follow_a_wall_clock_that_is_set(step_s: int) -> None:
+    clock = WallClock()
+    clock.looked_at(10 * SECOND, 1_700_000_000 * SECOND, 10 * SECOND + 100)
+    assert clock.unix_ns(9.5) == 1_700_000_000 * SECOND - SECOND // 2
+    clock.looked_at(11 * SECOND, (1_700_000_001 + step_s) * SECOND, 11 * SECOND + 100)
+    assert clock.unix_ns(11.0) == (1_700_000_001 + step_s) * SECOND
+
+
+def test_a_look_at_the_clocks_that_took_long_teaches_nothing() -> None:
+    """Else a busy machine would make times later, and a sample older than the one before it."""
+    clock = WallClock()
+    clock.looked_at(10 * SECOND, 100 * SECOND, 10 * SECOND + 100)
+    clock.looked_at(11 * SECOND, 101 * SECOND + SECOND // 100, 11 * SECOND + SECOND // 100)
+    assert clock.unix_ns(11.0) == 101 * SECOND
 
 
 def test_stops_have_their_reason_and_what_says_nothing_of_standing_is_none() -> None:

@@ -121,6 +121,8 @@ class Condition:
     value: Any = None
     _status: int = int(StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
     _pending: _Pending | None = None
+    _silent_since: float | None = None
+    """Since when values say nothing; None while they do."""
     _event_ids: deque[bytes] = field(default_factory=lambda: deque(maxlen=MOST_EVENT_IDS))
 
     def __post_init__(self) -> None:
@@ -141,11 +143,16 @@ class Condition:
         level = self._level_of(self.value, self._status)
         told = self._set_quality(level)
         if level is None:
-            self._pending = None
-        elif level != state.level:
+            # The next value that says something decides: a sensor that fails now and then puts off no alarm.
+            self._silent_since = now if self._silent_since is None else self._silent_since
+            self._set_band()
+            return told
+        if self._silent_since is not None and now - self._silent_since > self.definition.delay_s:
+            self._pending = None  # nobody knows what was meanwhile
+        self._silent_since = None
+        if level != state.level:
             return self._offer(level, now) or told
-        else:
-            self._pending = None
+        self._pending = None
         self._set_band()
         return told
 
@@ -208,8 +215,9 @@ class Condition:
     def poll(self, now: float) -> bool:
         """Do what is due: a level has lasted, or a shelving is over."""
         told = False
-        if self._pending is not None and now >= self._pending.at:
-            level, self._pending = self._pending.level, None
+        due = self._due()
+        if due is not None and now >= due.at:
+            level, self._pending = due.level, None
             self._enter(level, now)
             self._look(now)
             told = True
@@ -221,8 +229,13 @@ class Condition:
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""
-        pending = None if self._pending is None else self._pending.at
+        due = self._due()
+        pending = None if due is None else due.at
         return min((at for at in (pending, self.state.unshelve_at) if at is not None), default=None)
+
+    def _due(self) -> _Pending | None:
+        """The level that is taken once its time has come, whatever is said meanwhile."""
+        return self._pending if self.state.enabled and self._silent_since is None else None
 
     # What people do. Each raises ConditionRefused with the StatusCode of OPC 10000-9.
 
@@ -259,13 +272,13 @@ class Condition:
         if self.state.enabled:
             raise ConditionRefused(StatusCode.BAD_CONDITION_ALREADY_ENABLED, f"{self.definition.id} is enabled")
         self.state = replace(self.state, enabled=True)
+        self._pending = None
         self._look(now)
 
     def disable(self) -> None:
         """Disable (5.5.5): it keeps its state, and is not looked at."""
         if not self.state.enabled:
             raise ConditionRefused(StatusCode.BAD_CONDITION_ALREADY_DISABLED, f"{self.definition.id} is disabled")
-        self._pending = None
         self.floor, self.ceiling = inf, -inf
         self.state = replace(self.state, enabled=False)
 

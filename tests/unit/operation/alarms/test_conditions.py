@@ -73,6 +73,57 @@ def test_a_value_has_to_be_beyond_for_the_delay() -> None:
     assert one.take(50, 0, 21.1), "the end has no delay"
 
 
+@pytest.mark.parametrize(
+    ("value", "status"), [(float("nan"), 0), (95.0, StatusCode.BAD_NO_COMMUNICATION), (95.0, StatusCode.UNCERTAIN)]
+)
+def test_values_in_between_that_say_nothing_put_off_no_alarm(value: float, status: int) -> None:
+    one = condition(delay_s=1)
+    one.take(50, 0, 0.0)
+    told = [one.take(*((value, status) if tenth % 8 == 7 else (95.0, 0)), 10 + tenth / 10) for tenth in range(11)]
+    assert told.index(True) == 10, "after 1 s"
+    assert one.state.active
+
+
+def test_a_level_that_waits_is_taken_with_a_value_and_forgotten_where_none_comes_for_longer_than_the_delay() -> None:
+    one = condition(delay_s=1)
+    one.take(50, 0, 0.0)
+    one.take(95, 0, 10.0)
+    one.take(95, StatusCode.BAD_NO_COMMUNICATION, 10.9)
+    assert (one.next_deadline(), one.poll(11.5), one.state.active) == (None, False, False)
+    assert one.take(95, 0, 11.8)
+    assert one.state.active
+    one.take(50, 0, 20.0)
+    one.take(95, 0, 30.0)
+    one.take(95, StatusCode.BAD_NO_COMMUNICATION, 30.5)
+    one.take(95, 0, 31.6)
+    assert (one.state.active, one.poll(32.6)) == (False, True), "what was meanwhile is not known"
+
+
+def test_a_disable_that_was_not_recorded_leaves_the_delay_as_it_was() -> None:
+    one = condition(delay_s=1)
+    one.take(50, 0, 0.0)
+    one.take(95, 0, 10.0)
+    before = one.state
+    one.disable()
+    assert one.next_deadline() is None
+    one.restored_state(before)
+    assert one.poll(11.0)
+    assert one.state.active
+
+
+def test_an_enable_that_was_not_recorded_has_nothing_told() -> None:
+    one = condition(delay_s=1)
+    one.take(50, 0, 0.0)
+    one.disable()
+    one.take(95, 0, 5.0)
+    before = one.state
+    one.enable(10.0)
+    one.restored_state(before)
+    assert (one.poll(20.0), one.state.active) == (False, False)
+    one.enable(30.0)
+    assert one.next_deadline() == 31.0, "it begins anew"
+
+
 def test_each_limit_has_its_own_delay() -> None:
     one = condition(delay_s=1)
     one.take(85, 0, 10.0)

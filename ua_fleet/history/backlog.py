@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from enum import StrEnum
 from typing import Final, NamedTuple
 
@@ -66,6 +66,11 @@ class Backlog:
         """Bytes of all rows that the store has not taken yet."""
         return self._waiting_bytes + self._given.size
 
+    def of(self, keys: Collection[NodeId]) -> list[Row]:
+        """What waits of some nodes and the store was not given, with the marks of what is missing."""
+        waiting = [row for key, row in self._rows if key in keys]
+        return waiting + [_mark_of(since) for key, since in self._lost_since.items() if key in keys]
+
     def add(self, kept: Sequence[Kept], *, gives_way: bool = False) -> None:
         """Add rows, as far as there is room; before the first one of a node that has lost some comes the mark of it.
 
@@ -124,7 +129,7 @@ class Backlog:
             if key not in last and (before := stored.get(key)) is not None:
                 time = time if time > before else max(started_at, before + 1)
                 if (at := max(before + 1, stopped_at)) < time:
-                    self._append(key, Row(at, BAD_DATA_LOST, 0, None), _ROW_BYTES)
+                    self._append(key, _mark_of(at), _ROW_BYTES)
             last[key] = max(time, last.get(key, -1) + 1)
             self._append(key, row._replace(time=last[key]), row_bytes(row))
         for key, since in self._lost_since.items():  # the marks of what was lost are rows that wait, too
@@ -151,11 +156,15 @@ class Backlog:
         return Full.BYTES if (self.size + size) * part > self._most_bytes else None
 
     def _mark(self, key: NodeId) -> None:
-        self._append(key, Row(self._lost_since.pop(key), BAD_DATA_LOST, 0, None), _ROW_BYTES)
+        self._append(key, _mark_of(self._lost_since.pop(key)), _ROW_BYTES)
 
     def _append(self, key: NodeId, row: Row, size: int) -> None:
         self._rows.append((key, row))
         self._waiting_bytes += size
+
+
+def _mark_of(since: int) -> Row:
+    return Row(since, BAD_DATA_LOST, 0, None)
 
 
 def row_bytes(row: Row) -> int:

@@ -30,7 +30,7 @@ from ua_fleet.history.backlog import Backlog, Full
 from ua_fleet.history.continuation import Continuations
 from ua_fleet.history.events import AUDIT_EVENTS, EVENTS, EventRecorder, MergedSeries
 from ua_fleet.history.recorder import Kept, Recorder
-from ua_fleet.history.rows import Series
+from ua_fleet.history.rows import ListSeries, Series
 from ua_fleet.history.store import HistoryStore
 from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.server.history_opening import Opening, open_store
@@ -346,14 +346,13 @@ class HistoryService:
 
     async def look(self, key: NodeId, work: Callable[[Series], Found]) -> Found:
         """Do work on the rows of a node in the thread; raises StorageUnavailable."""
-        return await self._look(lambda store: store.series(key), work)
+        return await self._look((key,), work)
 
     async def look_at_events(self, work: Callable[[Series], Found], *, audit: bool) -> Found:
         """Do work on events in the thread, with AuditEvents or without; raises StorageUnavailable."""
-        keys = (EVENTS, AUDIT_EVENTS) if audit else (EVENTS,)
-        return await self._look(lambda store: MergedSeries([store.series(key) for key in keys]), work)
+        return await self._look((EVENTS, AUDIT_EVENTS) if audit else (EVENTS,), work)
 
-    async def _look(self, of: Callable[[HistoryStore], Series], work: Callable[[Series], Found]) -> Found:
+    async def _look(self, keys: tuple[NodeId, ...], work: Callable[[Series], Found]) -> Found:
         if self._is_closed:
             raise StorageUnavailable("the server ends")
         store = self._store
@@ -361,7 +360,13 @@ class HistoryService:
             await asyncio.wait([self._writing])
         if len(self._backlog) and not self._away:
             await asyncio.wait([self._write(self._loop.time())])
-        return await self._loop.run_in_executor(self._executor, lambda: work(of(store)))
+        waiting = self._backlog.of(keys)  # of a store that can be read and not be written, as on a full disk
+
+        def looked() -> Found:
+            parts = [store.series(key) for key in keys] + ([ListSeries(waiting)] if waiting else [])
+            return work(parts[0] if len(parts) == 1 else MergedSeries(parts))
+
+        return await self._loop.run_in_executor(self._executor, looked)
 
     async def in_thread(self, work: Callable[[], Any]) -> Any:
         """Do work in the thread that has the store, between its other work."""

@@ -42,7 +42,12 @@ _SLICE: Final = 100
 _ROW_BYTES: Final = 150
 """Of a row that is in no block, with its index."""
 _SPARE_BYTES: Final = 256_000
-"""Of rows that are in blocks by now: less is not worth writing a partition anew."""
+"""Of rows that are in blocks by now, or of blocks that were removed: less is not worth writing a partition anew."""
+_BLOCK_BYTES: Final = 200
+"""Of a block, beside its data."""
+_LOOKED_AT: Final = 8
+"""Partitions of blocks that are looked at in a round, one after the other: to count what is in them takes time."""
+_COUNTS: Final = "SELECT node, count(*) FROM sample"
 _BLOCKS_READ: Final = 8
 _BLOCKS_BYTES: Final = 4 * BLOCK_BYTES
 """Of blocks that are read at once; one may have more."""
@@ -65,6 +70,8 @@ class PostgresHistory:
         self.over_limit = ""
         self._tries: int | None = None
         """To remove what is too much: those that are left in this round; None where it has ended."""
+        self._to_look_at: list[str] = []
+        """Partitions whose blocks may have been removed in part."""
         self._aged: list[NodeId] = []
         """Nodes whose age is yet to be looked at in this round."""
         self._database = PostgresDatabase(url, user, password, self._prepare)
@@ -201,7 +208,7 @@ class PostgresHistory:
             self._large = [number for number in self._with_many() if number not in waiting] + self._large
             if kept:
                 await self._drop_old(connection, now - int(longest * DAY))
-            await self._vacuum(connection)
+            await self._vacuum(connection, most_bytes)
             await self._cut_bounded(connection, most_bytes // BOUNDED_PART)
             return await self._remove_most(connection, now, most_bytes, _TRIES)
         some, self._aged = self._aged[:_SLICE], self._aged[_SLICE:]
@@ -247,19 +254,36 @@ class PostgresHistory:
                 numbers,
                 times,
             )
-        await self._count_again(connection)
+        self._decoded.clear()
+        left = dict(await connection.fetch(f"{_COUNTS} WHERE node = ANY($1::integer[]) GROUP BY node", numbers))
+        self._counts |= {number: left.get(number, 0) for number in numbers}
 
     async def _count_again(self, connection: Connection) -> None:
         self._decoded.clear()
-        self._counts = dict(await connection.fetch("SELECT node, count(*) FROM sample GROUP BY node"))
+        self._counts = dict(await connection.fetch(f"{_COUNTS} GROUP BY node"))
 
-    async def _vacuum(self, connection: Connection) -> None:
-        """Write the partitions of rows anew that are large and nearly empty, since their rows are in blocks by now."""
+    async def _vacuum(self, connection: Connection, most_bytes: int) -> None:
+        """Write partitions anew that are large and nearly empty: of rows, since theirs are in blocks by now."""
         live = dict(await connection.fetch("SELECT tableoid::regclass::text, count(*) FROM sample GROUP BY 1"))
         for name in [f"sample_d{day}" for day in self._days] + ["sample_late"]:
-            size = await connection.fetchval("SELECT pg_total_relation_size($1::text::regclass)", name)
-            if size > _SPARE_BYTES + 2 * _ROW_BYTES * live.get(name, 0):
-                await connection.execute(f"VACUUM (FULL) {name}")
+            await self._rewrite(connection, name, _ROW_BYTES * live.get(name, 0))
+        is_over = await used_bytes(connection) > most_bytes  # then all are, before anything is dropped
+        if is_over or not self._to_look_at:
+            self._to_look_at = [*(f"d{day}" for day in sorted(self._days)), "late"]
+        most = len(self._to_look_at) if is_over else _LOOKED_AT
+        looked_at, self._to_look_at = self._to_look_at[:most], self._to_look_at[most:]
+        for name in [f"block_{name}" for name in looked_at if name == "late" or int(name[1:]) in self._days]:
+            await self._rewrite_blocks(connection, name)
+
+    async def _rewrite_blocks(self, connection: Connection, name: str) -> None:
+        """Of blocks, where those of most nodes were too old."""
+        live = await connection.fetchval(f"SELECT sum(octet_length(data) + {_BLOCK_BYTES:d})::bigint FROM {name}")
+        await self._rewrite(connection, name, live or 0)
+
+    async def _rewrite(self, connection: Connection, name: str, live_bytes: int) -> None:
+        size = await connection.fetchval("SELECT pg_total_relation_size($1::text::regclass)", name)
+        if size > _SPARE_BYTES + 2 * live_bytes:
+            await connection.execute(f"VACUUM (FULL) {name}")
 
     async def _cut_bounded(self, connection: Connection, most_bytes: int) -> None:
         """Remove the oldest of the series that takes more than its part, and give the space back."""

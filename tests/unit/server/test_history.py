@@ -38,7 +38,7 @@ class Store:
 
     def __init__(self) -> None:
         self.rows: list[Kept] = []
-        self.is_away = self.is_untended = False
+        self.is_away = self.is_untended = self.is_full = False
         self.may_go_on = threading.Event()
         self.may_go_on.set()
         self.alive: list[int] = []
@@ -54,7 +54,7 @@ class Store:
     def write(self, batch: Sequence[Kept], now: int) -> None:
         self.may_go_on.wait(30)
         self.done.append("write")
-        if self.is_away:
+        if self.is_away or self.is_full:
             raise StorageUnavailable("history.db: the disk is full; free some space")
         self.rows += batch
         self.alive.append(now)
@@ -175,6 +175,29 @@ async def test_while_the_store_is_away_values_wait_and_what_is_too_much_is_marke
     assert [row.value for row in rows] == [1.0, 2.0, 3.0, None, 5.0, 6.0]
     assert (rows[3].status, rows[3].time) == (BAD_DATA_LOST, 104 * S)
     assert rows[4].time == 115 * S  # what it is when there is room, since it may stay so for days
+
+
+async def test_a_full_store_hides_no_value_that_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It can be read: an answer without what the server has beside it would be wrong, and Good."""
+    monkeypatch.setattr(shell, "MOST_WAITING", 3)
+    store, clock = Store(), Clock()
+    async with service(store, clock) as history:
+        give(history, clock, 1, 2)
+        assert await history.look(SPEED, values_in) == [1, 2]
+        store.is_full = True
+        give(history, clock, 3)
+        await polled(history, clock, lambda: bool(history.problem))
+        give(history, clock, 4, 5)
+        assert await history.look(SPEED, values_in) == [1, 2, 3, 4, 5]
+        assert await history.look(NodeId(2, 4711), values_in) == []
+        give(history, clock, 6)
+        rows = await history.look(SPEED, lambda series: series.between(EARLIEST, LATEST, 9))
+        assert [row.value for row in rows] == [1, 2, 3, 4, 5, None]
+        assert rows[-1].status == BAD_DATA_LOST
+        store.is_full = False
+        clock.second += 10
+        await polled(history, clock, lambda: not history.problem)
+        assert (await history.look(SPEED, values_in))[:6] == [1, 2, 3, 4, 5, None]
 
 
 async def test_audit_events_leave_room_for_values(monkeypatch: pytest.MonkeyPatch) -> None:

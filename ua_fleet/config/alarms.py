@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Final
 
 from ua_fleet.config.alarm_schema import AlarmConfig, NormalConfig
 from ua_fleet.config.parts import Parts
 from ua_fleet.config.resilience_checks import capacities_of
-from ua_fleet.config.schema import DataSetConfig, FieldConfig
+from ua_fleet.config.schema import DataSetConfig, FieldConfig, value_name
 from ua_fleet.document import KeyPath
 from ua_fleet.names import closest, listed
 
-__all__ = ["alarm_of", "alarms_of", "check_alarms"]
+__all__ = ["BRIDGE_AWAY", "alarm_of", "alarms_of", "check_alarms"]
+
+BRIDGE_AWAY: Final = "Online"
+"""What an alarm is of that says that a bridge is away."""
 
 
 def alarm_of(field: FieldConfig) -> AlarmConfig | None:
@@ -32,11 +36,15 @@ def alarms_of(data: DataSetConfig) -> Iterator[tuple[KeyPath, str, FieldConfig, 
 
 
 def check_alarms(parts: Parts) -> None:
-    """Note alarms that take away what their robot does not have."""
+    """Note alarms that take away what their robot does not have, and those that have the name of a bridge's."""
     able_robots = capacities_of(parts)
     for (robot, name), data in parts.data.items():
         able = able_robots.get(robot, set())
-        for path, _, _, alarm in alarms_of(data):
+        for path, field, _, alarm in alarms_of(data):
+            if value_name(name, field) == BRIDGE_AWAY and robot in parts.bridges:
+                text = f"the alarm {robot}.{BRIDGE_AWAY} is there already: it says that the bridge {robot} is away"
+                remedy = "name the data otherwise, or the bridge"
+                parts.document.problem(("robots", robot, "data", name, *path), text, remedy)
             if isinstance(alarm.fault, bool):
                 continue
             for position, capacity in enumerate(alarm.fault):

@@ -26,7 +26,6 @@ from ua_fleet.config.nodes import fleet_model
 from ua_fleet.errors import StorageAway, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.history.continuation import Continuations
-from ua_fleet.history.events import EVENTS
 from ua_fleet.history.raw import Phase, Position, RawRead
 from ua_fleet.history.rows import BAD_DATA_LOST, EARLIEST, LATEST, Row
 from ua_fleet.monitoring.mistakes import Mistakes
@@ -163,51 +162,6 @@ def test_days_are_partitions_that_are_dropped_whole(postgres: Postgres, url: str
         )
         assert "sample_d155095" in plan
         assert "sample_d155094" not in plan
-
-
-def test_the_space_of_values_is_given_back_where_events_are_kept_longer(postgres: Postgres, url: str) -> None:
-    """Else the database takes what it would if all were kept so long, and days are dropped with their events."""
-    numbers = random.Random(1)
-
-    def tended(store: PostgresHistory, now: int, most_bytes: int) -> None:
-        while store.tend(now, lambda key: 365.0 if key == EVENTS else 30.0, most_bytes):
-            pass
-
-    with contextlib.closing(PostgresHistory(url, USER, PASSWORD)) as store:
-        for day in range(3):
-            begin = NOON + day * DAY
-            for part in range(4):
-                values = [Row(begin + 2_000 * part + i, 0, 15, numbers.randbytes(200)) for i in range(2_000)]
-                store.write([(KEY, row) for row in values], begin)
-                tended(store, begin, HUGE)
-            store.write([(EVENTS, Row(begin + i, 0, 15, numbers.randbytes(100))) for i in range(300)], begin)
-        tended(store, NOON + 4 * DAY, HUGE)
-        before = store.used_bytes()
-        later = NOON + 60 * DAY
-        most = before // 3
-        for minute in range(3):
-            tended(store, later + minute * 61 * TICKS_PER_SECOND, most if minute == 2 else HUGE)
-        assert len(store.series(EVENTS).between(EARLIEST, LATEST, 10_000)) == 900
-        assert store.series(KEY).between(EARLIEST, LATEST, 10) == []
-        assert store.used_bytes() < most < before
-        assert store.over_limit == ""
-
-
-def test_to_remove_what_is_old_counts_the_rows_of_these_nodes_again_and_no_others(url: str) -> None:
-    other = NodeId(2, 1002)
-    with contextlib.closing(PostgresHistory(url, USER, PASSWORD)) as store:
-        store.write([*rows(0, 2_000), *[(other, row) for _, row in rows(0, 2_000)]], NOON)
-        later = NOON + 2 * DAY
-        store.write(rows(0, 500, later), later)
-        while store.tend(later, lambda key: 1.0 if key == KEY else 365.0, HUGE):
-            pass
-        assert len(store.series(other).between(EARLIEST, LATEST, 10_000)) == 2_000
-        assert times(store) == [2 * DAY + number for number in range(500)]
-        # What it has counted is where a node becomes large enough for a block.
-        store.write(rows(500, 1_500, later), later)
-        while store.tend(later, lambda key: 1.0 if key == KEY else 365.0, HUGE):
-            pass
-        assert len(times(store)) == 2_000
 
 
 def test_a_clock_that_is_years_behind_makes_no_partitions(postgres: Postgres, url: str) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.config_problems import problems
 from ua_fleet.config.load import load
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.errors import ConfigInvalid
@@ -57,6 +58,14 @@ def test_what_is_wrong_is_refused_at_its_line(tmp_path: Path, line: str, problem
         load(file)
     assert f"{file}:11:robots.r.data.one" in str(told.value)
     assert problem in str(told.value)
+
+
+@pytest.mark.parametrize("robot", ["a", "b"])
+def test_an_alarm_of_a_value_is_none_of_a_bridge(robot: str) -> None:
+    """One of both would be no alarm."""
+    text = HEAD.replace("  r:", f"  {robot}:") + "      Online: {id: 1001, type: Boolean, normal: true}\n"
+    wrong = "11:robots.a.data.Online.normal: the alarm a.Online is there already: it says that the bridge a is away"
+    assert problems(text) == ([f"{wrong}; name the data otherwise, or the bridge"] if robot == "a" else [])
 
 
 @pytest.mark.parametrize(

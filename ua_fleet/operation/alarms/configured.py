@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from math import inf
 
 from ua_fleet.config.alarm_schema import AlarmConfig, LimitsConfig, NormalConfig
-from ua_fleet.config.alarms import alarms_of
+from ua_fleet.config.alarms import BRIDGE_AWAY, alarms_of
 from ua_fleet.config.schema import FleetConfig, value_name
 from ua_fleet.fleet.model import BridgeModel, FieldModel, FleetModel
 from ua_fleet.operation.alarms.definitions import AlarmDefinition, AlarmKind
@@ -71,9 +71,9 @@ def _of_field(robot: str, name: str, field: FieldModel, alarm: AlarmConfig) -> A
 
 
 def _of_bridge(bridge: BridgeModel, delay_s: float) -> AlarmDefinition:
-    online: NodeId = bridge.part("Online")
+    online: NodeId = bridge.part(BRIDGE_AWAY)
     return AlarmDefinition(
-        id=f"{bridge.name}.Online",
+        id=f"{bridge.name}.{BRIDGE_AWAY}",
         kind=AlarmKind.OFF_NORMAL,
         source=online,
         source_name=bridge.name,

@@ -139,6 +139,7 @@ class PluggedDriver(Driver):
                 inlet.put,
                 executing,
                 port.write,
+                port.write_newest,
                 port.reset,
                 port.listen,
                 partial(self._soon_aside, device),

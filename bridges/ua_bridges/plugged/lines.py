@@ -22,7 +22,7 @@ from ua_fleet.errors import RobotBusy, RobotOffline, SkillRejected
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
 
-__all__ = ["LONGEST_LINE", "MOST_LINES", "Lines", "PluggedSkillSpec"]
+__all__ = ["LONGEST_LINE", "MOST_LINES", "Lines", "NewestKey", "PluggedSkillSpec"]
 
 LONGEST_LINE: Final = 4096
 MOST_LINES: Final = 64
@@ -34,6 +34,8 @@ ANSWER_S: Final = 1.0
 _MOST_TOLD: Final = 20
 
 PluggedSkillSpec = ConfiguredSkill[PluggedSkill]
+NewestKey = Topic | bytes
+"""Of a line that a newer one may replace before it is sent: whose value it is, or the question itself."""
 
 
 class _Command(NamedTuple):
@@ -80,8 +82,9 @@ class _Source:
 class Lines:
     """One serial port.
 
-    `write` sends bytes, False: it did not; `reset` closes and opens the port for a reason; `listen` sees `listens`;
-    `put_aside` closes it for a while, since the device misbehaves.
+    `write` sends a command, False: it did not; `write_newest` a value or a question, behind all commands; `reset`
+    closes and opens the port for a reason; `listen` sees `listens`; `put_aside` closes it for a while, since the device
+    misbehaves.
     """
 
     def __init__(
@@ -94,13 +97,15 @@ class Lines:
         put: Put,
         executing: Executing,
         write: Callable[[bytes], bool],
+        write_newest: Callable[[NewestKey, bytes], bool],
         reset: Callable[[str], None],
         listen: Callable[[], None],
         put_aside: Callable[[str], None],
     ) -> None:
         self._device, self._settings = device, settings
         self._put, self._executing = put, executing
-        self._write, self._reset, self._listen, self._put_aside = write, reset, listen, put_aside
+        self._write, self._write_newest = write, write_newest
+        self._reset, self._listen, self._put_aside = reset, listen, put_aside
         self._terminator = settings.terminator.encode("ascii")
         self._sources = [_Source(sensor, settings.encoding) for sensor in sensors]
         self._commands = {skill.topic: _compile(skill) for skill in skills}
@@ -318,10 +323,23 @@ class Lines:
         if not self._is_open:
             self._dropped(Drop.NOT_CONNECTED, f"{data.label}: the device is not plugged in")
             return False
-        if not self._write(written):
+        if not self._write_newest(topic, written):
             self._dropped(Drop.NOT_CONNECTED, f"{data.label}: {self._gone}")
             return False
         return True
+
+    def overtaken(self, key: NewestKey) -> None:
+        """A newer line is sent in the place of one that waited."""
+        if isinstance(key, Topic):  # a question is the same one
+            label = self._sinks[key][0].label
+            self._dropped(
+                Drop.RATE_LIMITED, f"{label}: values come faster than the line takes them; the newest is sent"
+            )
+
+    def never_sent(self, key: NewestKey) -> None:
+        """The port is over, and a line still waited."""
+        if isinstance(key, Topic):
+            self._dropped(Drop.NOT_CONNECTED, f"{self._sinks[key][0].label}: {self._gone}")
 
     def writes(self, topic: Topic) -> bool:
         """Whether data goes to this port."""
@@ -358,7 +376,7 @@ class Lines:
                 period_s = source.sensor.source.period_s
                 source.ask_at = now + period_s
                 self._asked = (source, now + min(ANSWER_S, period_s))
-                self._write(source.ask)
+                self._write_newest(source.ask, source.ask)
             times.append(source.ask_at if self._asked is None else max(source.ask_at, self._asked[1]))
         return min((at for at in times if at is not None), default=None)
 

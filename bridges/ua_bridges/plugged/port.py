@@ -14,6 +14,7 @@ import errno
 import grp
 import logging
 import os
+import select
 import stat
 import termios
 import time
@@ -23,14 +24,14 @@ from typing import Any, Final
 import serial
 
 from ua_bridges.plugged.config import SerialSettings
-from ua_bridges.plugged.lines import Lines
+from ua_bridges.plugged.lines import Lines, NewestKey
 
 __all__ = ["Port"]
 
 RETRY_S: Final = 1.0
 _READ_BYTES: Final = 4096
 MOST_UNSENT: Final = 1 << 16
-"""Bytes that a device may leave unread."""
+"""Bytes of commands that a device may leave unread."""
 _PARITY: Final = {"none": "N", "even": "E", "odd": "O"}
 
 logger = logging.getLogger(__name__)
@@ -48,6 +49,9 @@ class Port:
         self._opening: asyncio.Future[Any] | None = None
         self._retry: asyncio.TimerHandle | None = None
         self._unsent = bytearray()
+        """Commands in their order, behind the rest of a line that has gone out in part."""
+        self._newest: dict[NewestKey, bytes] = {}
+        """Lines that wait until the kernel has little left to send, since a command must not wait behind them."""
         self._listens = False
         self._said = ""
         self.detail = ""
@@ -142,6 +146,7 @@ class Port:
         self._loop.remove_reader(port.fd)
         self._loop.remove_writer(port.fd)
         self._unsent.clear()
+        never_sent, self._newest = list(self._newest), {}
         self._listens = False
         try:
             port.close()
@@ -149,6 +154,8 @@ class Port:
             logger.debug("%s: the port was gone before it was closed", self._device)
         self._say(why)
         assert self._lines is not None
+        for key in never_sent:
+            self._lines.never_sent(key)
         self._lines.closed(why, time.monotonic())
         self._turned()
 
@@ -203,7 +210,7 @@ class Port:
         self._turned()
 
     def write(self, data: bytes) -> bool:
-        """Send bytes, at once where the kernel takes them; False where the port is over: then none has gone out."""
+        """Send a command, at once where the kernel takes it; False where the port is over: then none has gone out."""
         port = self._serial
         if port is None:
             return False
@@ -225,18 +232,47 @@ class Port:
             self._loop.add_writer(port.fd, self._writable)
         return True
 
+    def write_newest(self, key: NewestKey, data: bytes) -> bool:
+        """Send a line once nothing else waits, or a newer one with its key instead; False where the port is over."""
+        port = self._serial
+        if port is None:
+            return False
+        if not self._unsent and not self._newest and _is_free(port.fd):
+            return self.write(data)
+        if key in self._newest:
+            assert self._lines is not None
+            self._lines.overtaken(key)
+        self._newest[key] = data  # in the place of the older one, so that none waits for ever
+        self._loop.add_writer(port.fd, self._writable)
+        return True
+
     def _writable(self) -> None:
         port = self._serial
+        newest = None if self._unsent else next(iter(self._newest))
+        line = self._unsent if newest is None else self._newest[newest]
         try:
-            sent = os.write(port.fd, self._unsent)
+            sent = os.write(port.fd, line)
         except (BlockingIOError, InterruptedError):
             return
         except OSError as error:
             self._fail(port, f"it was pulled out, or failed ({error.strerror})")
             return
-        del self._unsent[:sent]
-        if not self._unsent:
+        if newest is None:
+            del self._unsent[:sent]
+        else:
+            self._unsent += self._newest.pop(newest)[sent:]
+        if not self._unsent and not self._newest:
             self._loop.remove_writer(port.fd)
+
+
+def _is_free(descriptor: int) -> bool:
+    """Whether a serial port has less than 256 bytes left to send, which is when Linux says that it is writable.
+
+    Its buffer takes 4 KiB, for which a line of 9600 baud needs 4 s. True as well where the port is over.
+    """
+    poll = select.poll()
+    poll.register(descriptor, select.POLLOUT)
+    return bool(poll.poll(0))
 
 
 def _group_of(node: str) -> str:

@@ -39,16 +39,21 @@ class OwedStops:
 
     def halt(self, execution_id: bytes, task: RobotTask, link: CommandLink, state: State | None, now: float) -> None:
         """Have an execution stop, now or as soon as the controller can be told."""
+        if execution_id in self._halts:
+            return  # it is told again in any case, and who asks often does not have it told more often
         if state is None or not self._told(task, link, state):
             self._halts[execution_id] = task
             self._halt_again_at = now + _AGAIN_S
 
     def give_up(self, execution_id: bytes, task: RobotTask, link: CommandLink, state: State, now: float) -> bool:
         """Have one stop that is over for who asked for it; whether the controller was told."""
-        self._halts.pop(execution_id, None)
+        was_owed = self._halts.pop(execution_id, None) is not None
         try:
             task.check_can_halt()
         except SkillRejected:
+            return False
+        if was_owed and now < self._halt_again_at:  # tried within the last second
+            self._orphans.append(task)
             return False
         if not (was_told := self._told(task, link, state)):
             self._orphans.append(task)
@@ -57,7 +62,7 @@ class OwedStops:
 
     def has_failed(self, link: CommandLink, now: float) -> None:
         """A safety stop has ended a task and pauses its program: that is stopped, or somebody may let it go on."""
-        self.may_be_paused(now)
+        self._failed_at, self._stop_again_at = now, now + _AGAIN_S
         with suppress(SkillError):  # nothing runs any more, or it is told again
             link.stop_program()
             self._failed_at = None

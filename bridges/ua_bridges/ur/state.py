@@ -68,10 +68,13 @@ class State:
 class ControllerClock:
     """The controller's time since it was switched on, in our monotonic time, which nobody sets.
 
-    The offset is the least that was seen between the two: a sample that waited on its way does not make it later.
+    The offset is the least that was seen between the two: a sample that waited on its way does not make it later. One
+    for each connection, since the controller may have been off in between.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, most_late_s: float) -> None:
+        """`most_late_s`: no sample comes later, since the connection is given up then."""
+        self._most_late_s = most_late_s
         self._offset_s = math.inf
         self._last = -math.inf
 
@@ -81,7 +84,9 @@ class ControllerClock:
         if stamp < self._last:  # the controller was switched off in between
             self._offset_s = offset
         elif self._offset_s < math.inf:
-            self._offset_s = min(offset, self._offset_s + (stamp - self._last) * _LEAK_S_S)
+            learnt = min(offset, self._offset_s + (stamp - self._last) * _LEAK_S_S)
+            # More means that its clock stood, or that it is a simulator's, and slow.
+            self._offset_s = max(learnt, offset - self._most_late_s)
         else:
             self._offset_s = offset
         self._last = stamp

@@ -99,7 +99,7 @@ class Watcher:
         self._config, self._telemetry, self._faults, self._offenders = config, telemetry, faults, offenders
         priority = config.real_time_priority or 0
         self._arguments = (config.address, f"{frequency_hz:g}", str(priority), json.dumps(variables))
-        self._clock, self._wall_clock = ControllerClock(), WallClock()
+        self._wall_clock = WallClock()
         self._stopping = threading.Event()
         self._has_noted = False
         self._detail = f"connecting to {config.address}"
@@ -192,13 +192,14 @@ class Watcher:
         Raises:
             ChildFailed: there is no connection any more.
         """
+        clock = ControllerClock(self._config.answer_timeout_s)
         child = LibraryChild("receiving", *self._arguments)
         try:
             limit = _START_S
             while (said := self._line(child, limit)) is not None:
                 limit = self._config.answer_timeout_s
                 if isinstance(said, SaidSample):
-                    self._take(said)
+                    self._take(said, clock)
                 elif said.error:
                     raise ChildFailed(said.error)
                 elif said.note and not self._has_noted:
@@ -221,8 +222,8 @@ class Watcher:
                 return SaidSample(*said) if is_sample else SaidNote(said.get("error", ""), said.get("note", ""))
         return None
 
-    def _take(self, said: SaidSample) -> None:
-        taken_s = self._clock.taken_s(said.stamp, said.received_s)
+    def _take(self, said: SaidSample, clock: ControllerClock) -> None:
+        taken_s = clock.taken_s(said.stamp, said.received_s)
         self._wall_clock.looked_at(time.monotonic_ns(), time.time_ns(), time.monotonic_ns())
         state = State(said.stamp, self._wall_clock.unix_ns(taken_s), taken_s, said.values)
         if self.state is None:

@@ -57,6 +57,7 @@ class Bench:
             self.told.append,
             executing,
             self._write,
+            lambda _key, data: self._write(data),
             self._reset,
             lambda: None,
             self.asides.append,
@@ -160,3 +161,17 @@ def test_a_device_that_ends_no_line_is_put_aside_and_one_that_errs_is_not() -> N
     for _ in range(MOST_LONG):
         bench.lines.received(b"x" * (LONGEST_LINE + 1), 1.0, 1)
     assert bench.asides == ["more than 40960 bytes without the end of a line"]
+
+
+def test_each_value_that_a_line_did_not_take_is_counted_by_its_cause() -> None:
+    bench = Bench()
+    light = Topic(0, 2, 11)
+    bench.lines.overtaken(light)
+    bench.lines.overtaken(light)
+    bench.lines.never_sent(light)
+    bench.lines.overtaken(b"LIGHT?\n")
+    bench.lines.never_sent(b"LIGHT?\n")  # a question is asked again
+    assert (bench.drops(Drop.RATE_LIMITED), bench.drops(Drop.NOT_CONNECTED)) == (2, 1)
+    first, second, lost = [event.detail for event in bench.facts(Dropped)]
+    assert first == "box: rover_pc.light: values come faster than the line takes them; the newest is sent"
+    assert (second, "before it was written to" in lost) == ("", True)

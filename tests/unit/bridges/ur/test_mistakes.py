@@ -9,7 +9,7 @@ import time
 from collections import defaultdict
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from structlog.testing import capture_logs
@@ -18,6 +18,7 @@ from ua_bridges.ur.dashboard_tasks import DashboardTask
 from ua_bridges.ur.driver import UrDriver
 from ua_bridges.ur.library.child import ChildFailed, LibraryChild
 from ua_bridges.ur.link import CommandLink
+from ua_bridges.ur.state import State
 from ua_bridges.ur.task import Progress
 from ua_bridges.ur.telemetry import Telemetry
 
@@ -56,7 +57,7 @@ class Child:
     def line(self, _timeout_s: float) -> list[Any]:
         time.sleep(0.005)
         self._stamp += 0.005
-        return [time.time_ns(), 0, self._stamp, defaultdict(int)]
+        return [time.monotonic(), 0, self._stamp, defaultdict(int)]
 
     def end(self) -> None:
         pass
@@ -103,6 +104,43 @@ async def test_process_that_cannot_be_started_is_started_later(monkeypatch: pyte
         monkeypatch.setattr(Child, "error", None)
         await until(lambda: recorder.samples(NUMBER), "a sample")
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("ur ")]
+
+
+class TwiceOn(Child):
+    """A controller that is switched off, and an hour later has been on for longer than before."""
+
+    began: ClassVar[list[float]] = []
+
+    def __init__(self, *_arguments: str) -> None:
+        super().__init__()
+        self._received_s = 5000.0 + 3600.0 * len(self.began)
+        self._stamp = 10.0 * (len(self.began) + 1)
+        self.began.append(self._received_s)
+
+    def line(self, _timeout_s: float) -> list[Any]:
+        if len(self.began) == 1 and self._stamp > 10.05:
+            raise ChildFailed("the controller closed the connection")
+        _, lost, stamp, values = super().line(0.0)
+        self._received_s += 0.005
+        return [self._received_s, lost, stamp, values]
+
+
+async def test_time_of_a_controller_begins_anew_with_each_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TwiceOn, "began", [])
+    monkeypatch.setattr(watching, "LibraryChild", TwiceOn)
+    took: list[State] = []
+
+    def sampled(_telemetry: Telemetry, state: State, _lost: int) -> None:
+        took.append(state)
+
+    monkeypatch.setattr(Telemetry, "sampled", sampled)
+    driver = UrDriver(load_content(FLEET, "fleet.yaml", {}), "arm")
+    await driver.start(Recorder())
+    try:
+        await until(lambda: len(TwiceOn.began) == 2 and took[-1].time > 20.0, "the second connection")
+    finally:
+        await driver.stop()
+    assert took[-1].taken_s == pytest.approx(8600.0 + took[-1].time - 20.0, abs=0.01)
 
 
 def test_no_place_for_a_process_is_a_failed_child(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -107,14 +107,25 @@ def test_what_was_given_up_and_cannot_be_halted_is_not(bench: Bench) -> None:
 
 def test_what_was_halted_and_given_up_is_told_once_a_second(bench: Bench) -> None:
     bench.halt(shown(RuntimeState.PLAYING))
-    bench.give_up()
-    assert bench.goes_on(3.1) == 3
+    assert not bench.give_up()
+    assert bench.controller.tries == 1
+    assert bench.goes_on(3.1, runs=False) == 3
+
+
+def test_who_asks_for_a_halt_again_and_again_has_it_told_once_a_second(bench: Bench) -> None:
+    told = 0
+    for _ in range(40):
+        bench.halt(shown(RuntimeState.PLAYING))
+        told += bench.goes_on(0.1)
+    assert bench.controller.tries == told + 1 == 4
+    bench.controller.is_silent = False
+    assert bench.goes_on(1.1) == 1
 
 
 def test_what_a_safety_stop_has_ended_is_stopped_at_once_or_where_it_is_paused(bench: Bench) -> None:
     bench.owed.has_failed(bench.link, bench.now)
     assert bench.controller.tries == 1
-    assert bench.goes_on(3.1, RuntimeState.PAUSED) == 4
+    assert bench.goes_on(3.1, RuntimeState.PAUSED) == 3
     bench.controller.is_silent = False
     bench.owed.has_failed(bench.link, bench.now)
     assert bench.goes_on(5, RuntimeState.PAUSED) == 0

@@ -21,6 +21,7 @@ from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType
 
 SECOND = 1_000_000_000
+MOST_LATE_S = 3.0
 VALUES: dict[str, Any] = {
     "robot_mode": 7,
     "safety_mode": 1,
@@ -147,7 +148,7 @@ def test_lost_samples_are_counted_and_told_once() -> None:
 @given(st.lists(st.floats(0.0, 0.05), min_size=2, max_size=50))
 def test_clock_follows_the_controllers(delays: list[float]) -> None:
     """Whatever the way takes, times differ as the controller's do, but for what the clock learns."""
-    clock, began = ControllerClock(), 7_000.0
+    clock, began = ControllerClock(MOST_LATE_S), 7_000.0
     times = [clock.taken_s(5.0 + n * 0.002, began + n * 0.002 + late) for n, late in enumerate(delays)]
     for number, time in enumerate(times):
         true = began + number * 0.002
@@ -157,9 +158,18 @@ def test_clock_follows_the_controllers(delays: list[float]) -> None:
 
 
 def test_clock_begins_anew_with_the_controller() -> None:
-    clock = ControllerClock()
+    clock = ControllerClock(MOST_LATE_S)
     assert clock.taken_s(1000.0, 5000.0) == 5000.0
     assert clock.taken_s(1.0, 6000.0) == 6000.0
+
+
+def test_clock_that_stood_or_is_slow_makes_no_sample_older_than_one_can_be() -> None:
+    """A simulator's, on a machine that is busy or was suspended: `stop` waits for a sample that is not of before."""
+    clock = ControllerClock(MOST_LATE_S)
+    clock.taken_s(10.0, 5000.0)
+    assert clock.taken_s(10.02, 8600.0) == pytest.approx(8600.0 - MOST_LATE_S)
+    late = [8600.0 + n * 0.02 - clock.taken_s(10.02 + n * 0.019, 8600.0 + n * 0.02) for n in range(1, 10_000)]
+    assert max(late) <= MOST_LATE_S + 1e-6
 
 
 @pytest.mark.parametrize("step_s", [3600, -3600])

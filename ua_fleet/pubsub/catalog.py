@@ -112,27 +112,26 @@ class Catalog:
     def announced(self, key: _Key, metadata: DataSetMetaData, *, is_fresh: bool = True) -> bool:
         """Take an announcement; the oldest that no writer was heard for goes where there are too many.
 
-        One that is not fresh, as a broker has kept it, is taken where its version is the latest; says whether it was.
+        One that is not fresh, as a broker has kept it, is news where its version is the latest; says whether it was. An
+        older one stands behind those that are known, for messages that name it.
         """
         entry = self._entries.get(key)
-        if (
-            not is_fresh
-            and entry is not None
-            and any(known > metadata.configuration_version for known in entry.versions)
-        ):
+        version = metadata.configuration_version
+        # No news, and it describes no message without a version. But messages of it come where the publisher's clock is
+        # behind since its restart.
+        is_older = not is_fresh and entry is not None and any(known > version for known in entry.versions)
+        if is_older and entry is not None and (version in entry.versions or len(entry.versions) >= _VERSIONS):
             return False
         if entry is None:
             if len(self._orphans) >= self._max_orphans:
                 self._forget_oldest()
             entry = self._entries[key] = _Entry()
             self._orphans[key] = None
-        versions = entry.versions
-        version = metadata.configuration_version
-        if versions.get(version) == metadata:
+        if entry.versions.get(version) == metadata:
             return True
         before = entry.size
-        versions.pop(version, None)
-        versions[version] = metadata
+        others = {known: entry.versions[known] for known in entry.versions if known != version}
+        versions = entry.versions = {version: metadata, **others} if is_older else {**others, version: metadata}
         if len(versions) > _VERSIONS:
             del versions[next(iter(versions))]
         entry.size = sum(map(metadata_size, versions.values()))
@@ -145,7 +144,7 @@ class Catalog:
                 self._forget_oldest()
         for writer in entry.writers:
             writer.major = UNBOUND
-        return True
+        return not is_older
 
     def _make_fit(self, entry: _Entry) -> None:
         """Forget the oldest versions of an entry until there is room for what is left, if anything."""

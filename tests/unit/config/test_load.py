@@ -195,6 +195,14 @@ BAD: list[tuple[str, str, list[str]]] = [
         ],
     ),
     (
+        "more requestors than there is room for against replay",
+        SECURED + f"bridges:\n  a: {{kind: ros2, space: 99, status_id: 1, requestors: {list(range(64))}}}\n",
+        [
+            "F:5:bridges.a.requestors: 64 spaces may command it; commands of 63 are told from replayed ones; "
+            "name fewer, or distribute its robots over several bridges"
+        ],
+    ),
+    (
         "requestors of no space",
         HEAD + "bridges:\n  a: {kind: ros2, space: 2, status_id: 1, requestors: [0, 233]}\n",
         ["F:4:bridges.a.requestors[1]: space ids 233..255 are reserved"],

@@ -29,6 +29,44 @@ def test_large_descriptions_push_out_the_oldest_that_nobody_has_sent_data_for() 
     assert kept == [1, 9, 10, 11]
 
 
+def of_version(number: int) -> DataSetMetaData:
+    return described(number)._replace(configuration_version=ConfigurationVersion(number, number))
+
+
+def test_an_older_version_that_is_kept_or_relayed_describes_what_names_it_and_nothing_else() -> None:
+    """A publisher may be started anew while its clock is behind; and anybody may have recorded its past."""
+    catalog, key = Catalog(100), (2, 1)
+    writer = RemoteWriter(Topic(2, 2, 1), 0.0, Counters())
+    catalog.announced(key, of_version(5))
+    catalog.add_writer(writer)
+    assert not catalog.announced(key, of_version(3), is_fresh=False)
+    assert catalog.find(key, DataSetMessage(1, major_version=3, minor_version=3)) == of_version(3)
+    assert catalog.find(key, DataSetMessage(1)) == of_version(5)
+    assert not catalog.announced(
+        key, described(9)._replace(configuration_version=ConfigurationVersion(3, 3)), is_fresh=False
+    )
+    assert catalog.find(key, DataSetMessage(1, major_version=3, minor_version=3)) == of_version(3), (
+        "it is known already"
+    )
+    for number in (6, 7, 8):
+        assert catalog.announced(key, of_version(number), is_fresh=False)
+    assert catalog.find(key, DataSetMessage(1, major_version=3, minor_version=3)) is None
+    assert not catalog.announced(key, of_version(4), is_fresh=False)
+    assert catalog.find(key, DataSetMessage(1, major_version=4, minor_version=4)) is None, (
+        "it pushes out none that is later"
+    )
+
+
+def test_older_versions_that_nobody_has_sent_data_for_are_bounded_too() -> None:
+    catalog = Catalog(100)
+    for number in range(1, 11):
+        catalog.announced((2, number), of_version(100))
+        catalog.announced((2, number), of_version(99), is_fresh=False)
+    found = [number for number in range(1, 11) if catalog.find((2, number), DataSetMessage(1)) is not None]
+    assert 0 < len(found) < 4
+    assert found[-1] == 10
+
+
 def test_small_ones_are_bounded_by_their_number() -> None:
     catalog = Catalog(100)
     for number in range(1, 151):

@@ -15,6 +15,7 @@ import structlog
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.endpoint.call_limit import CallLimit
 from ua_fleet.errors import UaFleetError
+from ua_fleet.operation.runs.clock import steady
 from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.server.key_service.access import KeyAccess
 from ua_fleet.server.key_service.files import GROUPS_FILE, PUSHED_FILE, KeysNotKept, load_groups, save_groups
@@ -52,7 +53,7 @@ class KeyService:
         config: FleetConfig,
         state_dir: Path,
         *,
-        wall_s: Callable[[], float] = time.time,
+        wall_s: Callable[[], float] | None = None,
         token_bytes: Callable[[int], bytes] = secrets.token_bytes,
     ) -> None:
         """Open the service, with the keys that were kept.
@@ -60,7 +61,8 @@ class KeyService:
         Args:
             config: names the groups, who may have them, and their policy and lifetime.
             state_dir: the server's; the keys stand in it.
-            wall_s: the wall clock.
+            wall_s: the wall clock. Left out: ours as it is now, and what passes from now on; no key is over since
+                somebody has set it.
             token_bytes: makes random bytes fit for keys.
 
         Raises:
@@ -69,7 +71,7 @@ class KeyService:
         """
         self.access = KeyAccess(config)
         keys = config.pubsub.keys
-        self._wall_s = wall_s
+        self._wall_s = wall_s or steady(time.monotonic, time.time)
         self._lock = threading.Lock()
         self.pushed_by = keys.pushed_by
         """Name of the user who pushes the keys; None where they are made here."""
@@ -85,7 +87,7 @@ class KeyService:
         if keys.pushed_by is not None:
             self._store = self._pushed = PushedKeys(groups, kept, save=save)
         else:
-            self._store = self._made = KeyStore(groups, kept, now=wall_s(), token_bytes=token_bytes, save=save)
+            self._store = self._made = KeyStore(groups, kept, now=self._wall_s(), token_bytes=token_bytes, save=save)
         self.changes = 0
         """How often keys have changed before their time, since the start."""
 

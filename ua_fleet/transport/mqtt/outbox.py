@@ -189,9 +189,11 @@ class Outbox:
             self._value_bytes += parcel.size
             newest = self._newest.setdefault(parcel.subject.origin, _Newest(parcel.plain))
             newest.parts += newest.plain is parcel.plain
+        waiting = set(self._due)
         for parcel in self._flying:
-            if parcel.subject.lane is Lane.KEPT and self._kept.get(parcel.subject.topic) is not parcel:
-                self._due.setdefault(parcel.subject.topic, parcel)  # what was to be cleared
+            topic = parcel.subject.topic
+            if parcel.subject.lane is Lane.KEPT and topic not in waiting and self._kept.get(topic) is not parcel:
+                self._due[topic] = parcel  # what was to be cleared: the last that was sent of a topic counts
         self._flying.clear()
         self._flying_bytes = 0
 

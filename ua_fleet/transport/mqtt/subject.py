@@ -72,6 +72,8 @@ class Subject(NamedTuple):
     is_keep_alive: bool = False
     publisher: int | str | None = None
     """PublisherId of a value or of metadata: a relay speaks for several."""
+    is_event: bool = False
+    """Whether a value is an event, which says nothing of what is now."""
 
     @property
     def origin(self) -> tuple[int | str | None, tuple[int | None, int] | None]:
@@ -126,8 +128,16 @@ class Addressing:
         if group in self._setpoint_groups:
             return Subject(queue, Lane.COMMAND, Kind.DATA, lifetime_s=SETPOINT_LIFETIME_S)
         flags = cursor.byte()
-        is_keep_alive = bool(flags & HAS_FLAGS_2) and cursor.byte() & _FRAME_KIND_BITS == FrameKind.KEEP_ALIVE
-        return Subject(queue, Lane.VALUE, Kind.DATA, key[1:], is_keep_alive=is_keep_alive, publisher=publisher)
+        kind = cursor.byte() & _FRAME_KIND_BITS if flags & HAS_FLAGS_2 else FrameKind.KEY
+        return Subject(
+            queue,
+            Lane.VALUE,
+            Kind.DATA,
+            key[1:],
+            is_keep_alive=kind == FrameKind.KEEP_ALIVE,
+            publisher=publisher,
+            is_event=kind == FrameKind.EVENT,
+        )
 
     def _other(self, plain: bytes, wall_ticks: int) -> Subject | None:
         message = self._codec.decode(plain)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -60,6 +61,19 @@ def test_a_restart_keeps_the_keys(service: KeyService, tmp_path: Path, clock: Cl
     after = again.keys_for_bridge("arm", "t-1", 0, 5)
     assert after.first_token_id == 2
     assert after.keys[:4] == before.keys[1:]
+
+
+@pytest.mark.parametrize("step_s", [43_200.0, -43_200.0])
+def test_a_wall_clock_that_is_set_makes_no_key_older(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step_s: float
+) -> None:
+    """Else the server has other keys than bridges, and drops what they send until they ask."""
+    service = KeyService(fleet(), tmp_path)
+    before = service.keys_for_bridge("arm", "t-1", 0, 5)
+    set_to = time.time() + step_s
+    monkeypatch.setattr(time, "time", lambda: set_to)
+    after = service.keys_for_bridge("arm", "t-1", 0, 5)
+    assert (after.first_token_id, after.keys) == (before.first_token_id, before.keys)
 
 
 def test_who_asks_too_often_waits(service: KeyService) -> None:

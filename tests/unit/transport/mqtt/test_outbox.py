@@ -41,6 +41,17 @@ def taken(outbox: Outbox, now: float = 0.0) -> list[bytes]:
     return [parcel.plain for parcel in sent]
 
 
+def test_of_what_was_announced_and_cleared_in_flight_the_clearing_goes_again() -> None:
+    outbox = connected()
+    outbox.put(kept("meta", b"metadata"), 0.0)
+    assert [parcel.plain for parcel in outbox.take(0.0)] == [b"metadata"]
+    outbox.clear("meta", Kind.METADATA, 0.1)
+    assert [parcel.plain for parcel in outbox.take(0.1)] == [b""]
+    outbox.disconnected()
+    outbox.connected(10.0)
+    assert taken(outbox, 10.0) == [b""]
+
+
 def test_what_can_be_sent_goes_at_once_in_its_order() -> None:
     outbox = connected()
     for number in range(3):

@@ -196,6 +196,8 @@ class UrDriver(Driver):
             raise error
         if task.moves_arm and any(other.moves_arm for other in list(self._claims.values())):
             raise RobotBusy("the robot is at another move or program")
+        if task.moves_arm and self._owed.keeps_from_beginning():
+            raise RobotBusy("what ran before has not stopped yet: the controller is told again each second")
         self._claims[execution.execution_id] = task
         self._jobs.put(lambda: self._begin(execution, task))
 

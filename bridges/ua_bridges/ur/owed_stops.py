@@ -37,6 +37,10 @@ class OwedStops:
         """When a program failed that may be paused; None where nothing of it is left."""
         self._halt_again_at = self._stop_again_at = 0.0
 
+    def keeps_from_beginning(self) -> bool:
+        """Whether what has to stop may still move the arm: what is begun meanwhile would be stopped for it."""
+        return bool(self._orphans)
+
     def halt(self, execution_id: bytes, task: RobotTask, link: CommandLink, state: State | None, now: float) -> None:
         """Have an execution stop, now or as soon as the controller can be told."""
         if execution_id in self._halts:

@@ -18,6 +18,7 @@ from tests.integration.ur.test_driver import ROBOT, bad, children, good, started
 from tests.ur_controller import UrController, dashboard
 from tests.waiting import until
 from ua_fleet.bridge import ExecutionEnded
+from ua_fleet.errors import RobotBusy
 from ua_fleet.values import StatusCode
 
 pytestmark = pytest.mark.needs("ur")
@@ -98,6 +99,8 @@ async def test_a_script_whose_time_is_over_is_stopped_once_the_controller_listen
         await until(lambda: turned(controller) > 0.05, "the sweep")
         controller.do("silence", on=True, port="dashboard")
         bad(await one.end(execution), StatusCode.BAD_TIMEOUT)
+        with pytest.raises(RobotBusy, match="has not stopped yet"):
+            one.begin("turn", 1.0, 1.0)
         controller.do("silence", on=False, port="dashboard")
         await shows(controller, "STOPPED")
         assert turned(controller) < 2.4, "it went to its end, 2.5"

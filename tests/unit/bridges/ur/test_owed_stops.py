@@ -95,7 +95,9 @@ def test_what_was_given_up_is_told_until_nothing_runs(bench: Bench) -> None:
     """It may be another one's program that runs after that."""
     assert not bench.give_up()
     assert bench.goes_on(2.9, runs=False) == 2
+    assert bench.owed.keeps_from_beginning()
     assert bench.goes_on(0.02, RuntimeState.STOPPED, runs=False) == 0
+    assert not bench.owed.keeps_from_beginning()
     assert bench.goes_on(5, runs=False) == 0
 
 

@@ -198,8 +198,10 @@ BAD: list[tuple[str, str, list[str]]] = [
         "more requestors than there is room for against replay",
         SECURED + f"bridges:\n  a: {{kind: ros2, space: 99, status_id: 1, requestors: {list(range(64))}}}\n",
         [
-            "F:5:bridges.a.requestors: 64 spaces may command it; commands of 63 are told from replayed ones; "
-            "name fewer, or distribute its robots over several bridges"
+            (
+                "F:5:bridges.a.requestors: 64 spaces may command it; commands of 63 are told from replayed ones; "
+                "name fewer, or distribute its robots over several bridges"
+            )
         ],
     ),
     (

@@ -190,7 +190,7 @@ class MqttCore:
             yield self._outgoing(parcel, payload, now)
 
     def _is_too_old(self, parcel: Parcel, now: float) -> bool:
-        """Whether a relay, which does not know whether its source is there, can say no more that this value is still so.
+        """Whether a relay, which does not know whether its source is there, cannot say that a value is still so.
 
         A source that is there says it again.
         """

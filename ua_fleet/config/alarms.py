@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from ua_fleet.config.alarm_schema import AlarmConfig, NormalConfig
 from ua_fleet.config.parts import Parts
 from ua_fleet.config.resilience_checks import capacities_of
-from ua_fleet.config.schema import DataSetConfig, FieldConfig
-from ua_fleet.document import KeyPath
+from ua_fleet.config.schema import DataSetConfig, FieldConfig, value_name
+from ua_fleet.document import KeyPath, key_text
 from ua_fleet.names import closest, listed
 
 __all__ = ["alarm_of", "alarms_of", "check_alarms"]
@@ -32,7 +32,8 @@ def alarms_of(data: DataSetConfig) -> Iterator[tuple[KeyPath, str, FieldConfig, 
 
 
 def check_alarms(parts: Parts) -> None:
-    """Note alarms that take away what their robot does not have."""
+    """Note alarms that have the name of another one, or take away what their robot does not have."""
+    _check_names(parts)
     able_robots = capacities_of(parts)
     for (robot, name), data in parts.data.items():
         able = able_robots.get(robot, set())
@@ -44,3 +45,16 @@ def check_alarms(parts: Parts) -> None:
                     hint = closest(capacity, able) or f"it has: {listed(sorted(able)) or 'none'}"
                     where: KeyPath = ("robots", robot, "data", name, *path, "fault", position)
                     parts.document.problem(where, f"{robot} lacks the capacity `{capacity}`", hint)
+
+
+def _check_names(parts: Parts) -> None:
+    """Note alarms whose ConditionId another one has: it would replace them."""
+    owners: dict[str, KeyPath] = {f"{bridge}.Online": ("bridges", bridge) for bridge in parts.bridges}
+    for (robot, name), data in parts.data.items():
+        for path, field, _, _ in alarms_of(data):
+            where: KeyPath = ("robots", robot, "data", name, *path)
+            alarm_id = f"{robot}.{value_name(name, field)}"
+            if (other := owners.setdefault(alarm_id, where)) != where:
+                line = parts.document.place_of(other).line
+                message = f"`{alarm_id}` is an alarm of {key_text(other)}{f' (line {line})' if line else ''} already"
+                parts.document.problem(where, message, "name one of them otherwise")

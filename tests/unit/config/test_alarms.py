@@ -87,3 +87,15 @@ def test_alarms_of_a_file(tmp_path: Path) -> None:
     assert (one.severity_at(1), one.severity_at(2)) == (500, 700)
     assert found["r.one.door"].normal is False
     assert found["a.Online"].normal is True
+
+
+def test_two_alarms_of_one_name_are_refused_with_both_places(tmp_path: Path) -> None:
+    """One would replace the other: ConditionIds are names."""
+    file = tmp_path / "fleet.yaml"
+    head = HEAD.replace("  r:\n", "  a:\n")
+    file.write_text(f"{head}      Online: {{id: 1001, type: Boolean, normal: true}}\n", encoding="utf-8")
+    with pytest.raises(ConfigInvalid) as told:
+        load(file)
+    assert f"{file}:11:robots.a.data.Online.normal: `a.Online` is an alarm of bridges.a (line 5) already" in str(
+        told.value
+    )

@@ -88,6 +88,7 @@ LONG_FILES: Final[dict[str, tuple[str, ...]]] = {
     ),
     CASES: (
         "tests/console/test_drive.py",
+        "tests/integration/history/test_postgres.py",
         "tests/integration/server_model/test_history.py",
         "tests/integration/server_security/test_sessions.py",
         "tests/integration/server_security/test_subscriptions.py",

@@ -95,14 +95,16 @@ def record(
                     "bytes": writer.size,
                     "kernel_drops": kernel_drops,
                     "too_large": recorder.too_large,
-                    "full": recorder.is_full,
+                    "full": recorder.is_full and recorder.broken is None,
                 }
         if as_json:
             print_json(figures)
         else:
-            why = f"; the file has its {size:g} MiB" if recorder.is_full else ""
+            why = f"; the file has its {size:g} MiB" if figures["full"] else ""
             large = f", {recorder.too_large} too large for a recording" if recorder.too_large else ""
             message(f"{recorder.datagrams} datagrams in {file}, {kernel_drops} dropped by the kernel{large}{why}")
+        if recorder.broken is not None:
+            raise recorder.broken
 
     run(main())
 

@@ -10,7 +10,7 @@ from typing import Final
 
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.recording.files import RecordingWriter
-from ua_fleet.recording.records import MOST_DATAGRAM_BYTES, Record
+from ua_fleet.recording.records import MOST_DATAGRAM_BYTES, Record, RecordingBroken
 from ua_fleet.transport.base import Address, Transport
 from ua_fleet.transport.party import Brokered, tool_party
 from ua_fleet.wire import encode_probe, read_security
@@ -38,6 +38,8 @@ class Recorder:
         self.too_large = 0
         """Messages that a recording cannot hold."""
         self.is_full = False
+        self.broken: RecordingBroken | None = None
+        """Why the file takes no more, where that is not its bound."""
         self._full = asyncio.Event()
 
     async def record(self, begun: Callable[[], None]) -> None:
@@ -53,10 +55,18 @@ class Recorder:
                     async with asyncio.timeout(FLUSH_S):
                         await self._full.wait()
                 except TimeoutError:
-                    self._writer.flush()
+                    self._flush()
         finally:
+            self._flush()
             for transport in self._transports:
                 await transport.close()
+
+    def _flush(self) -> None:
+        try:
+            self._writer.flush()
+        except RecordingBroken as error:
+            self.is_full, self.broken = True, error
+            self._full.set()
 
     def _receive(self, number: int, datagram: bytes, sender: Address, *, is_kept: bool = False) -> None:
         if self.is_full:
@@ -65,8 +75,11 @@ class Recorder:
             self.too_large += 1
             return
         record = Record(time.time_ns(), number, sender, self._key_of(datagram), datagram, is_kept)
-        if not self._writer.write(record):
-            self.is_full = True
+        try:
+            self.is_full = not self._writer.write(record)
+        except RecordingBroken as error:
+            self.is_full, self.broken = True, error
+        if self.is_full:
             self._full.set()
             return
         self.datagrams += 1

@@ -9,7 +9,7 @@ from ua_fleet.config.alarm_schema import AlarmConfig, NormalConfig
 from ua_fleet.config.parts import Parts
 from ua_fleet.config.resilience_checks import capacities_of
 from ua_fleet.config.schema import DataSetConfig, FieldConfig, value_name
-from ua_fleet.document import KeyPath
+from ua_fleet.document import KeyPath, key_text
 from ua_fleet.names import closest, listed
 
 __all__ = ["BRIDGE_AWAY", "alarm_of", "alarms_of", "check_alarms"]
@@ -36,15 +36,12 @@ def alarms_of(data: DataSetConfig) -> Iterator[tuple[KeyPath, str, FieldConfig, 
 
 
 def check_alarms(parts: Parts) -> None:
-    """Note alarms that take away what their robot does not have, and those that have the name of a bridge's."""
+    """Note alarms that have the name of another one, or take away what their robot does not have."""
+    _check_names(parts)
     able_robots = capacities_of(parts)
     for (robot, name), data in parts.data.items():
         able = able_robots.get(robot, set())
-        for path, field, _, alarm in alarms_of(data):
-            if value_name(name, field) == BRIDGE_AWAY and robot in parts.bridges:
-                text = f"the alarm {robot}.{BRIDGE_AWAY} is there already: it says that the bridge {robot} is away"
-                remedy = "name the data otherwise, or the bridge"
-                parts.document.problem(("robots", robot, "data", name, *path), text, remedy)
+        for path, _, _, alarm in alarms_of(data):
             if isinstance(alarm.fault, bool):
                 continue
             for position, capacity in enumerate(alarm.fault):
@@ -52,3 +49,16 @@ def check_alarms(parts: Parts) -> None:
                     hint = closest(capacity, able) or f"it has: {listed(sorted(able)) or 'none'}"
                     where: KeyPath = ("robots", robot, "data", name, *path, "fault", position)
                     parts.document.problem(where, f"{robot} lacks the capacity `{capacity}`", hint)
+
+
+def _check_names(parts: Parts) -> None:
+    """Note alarms whose ConditionId another one has: it would replace them."""
+    owners: dict[str, KeyPath] = {f"{bridge}.{BRIDGE_AWAY}": ("bridges", bridge) for bridge in parts.bridges}
+    for (robot, name), data in parts.data.items():
+        for path, field, _, _ in alarms_of(data):
+            where: KeyPath = ("robots", robot, "data", name, *path)
+            alarm_id = f"{robot}.{value_name(name, field)}"
+            if (other := owners.setdefault(alarm_id, where)) != where:
+                line = parts.document.place_of(other).line
+                message = f"`{alarm_id}` is an alarm of {key_text(other)}{f' (line {line})' if line else ''} already"
+                parts.document.problem(where, message, "name one of them otherwise")

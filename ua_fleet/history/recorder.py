@@ -159,11 +159,18 @@ class Recorder:
             kept += self._keep(key, node, [row], wall)
         return kept
 
-    def forget(self, key: NodeId) -> None:
-        """A node is gone. Should one with its id come again, it goes on behind its last row."""
-        node = self._nodes.pop(key, None)
+    def forget(self, key: NodeId) -> list[Kept]:
+        """A node is gone. Should one with its id come again, it goes on behind its last row.
+
+        Returns:
+            Its last value, where that was not kept.
+        """
+        node = self._nodes.get(key)
+        kept = [] if node is None or node.held is None else self._keep(key, node, [node.held], node.kept_at)
+        self._nodes.pop(key, None)
         if node is not None and node.after >= 0:
             self._before[key] = node.after
+        return kept
 
     def _first(self, key: NodeId) -> _Node | None:
         rule = self._rule_of(key)

@@ -160,9 +160,10 @@ class AlarmNodes:
         self._show(definition, fields)
         self._projection.then(partial(self._emit, definition, state, fields))
 
-    def refresh(self, subscription_id: int, item_id: int | None) -> None:
-        """Tell one subscription, or one of its items, what is retained."""
-        for condition in self._shown.values():
+    def refresh(self, subscription_id: int, item_id: int | None) -> Iterator[None]:
+        """Tell one subscription, or one of its items, what is retained, a step for each alarm."""
+        for condition in list(self._shown.values()):
+            yield
             if condition.state.retain and condition.state.event_id:
                 fields = self._fields(condition.definition, condition.state)
                 self._emit(condition.definition, condition.state, fields, subscription_id, item_id)

@@ -7,6 +7,8 @@ The roles: operators acknowledge, confirm, comment and shelve; engineers suppres
 
 from __future__ import annotations
 
+import asyncio
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
@@ -32,6 +34,8 @@ from ua_fleet.values import NodeId
 __all__ = ["ConditionMethods"]
 
 MOST_COMMENT: Final = 1000
+_REFRESH_S: Final = 0.005
+"""So long a refresh may hold the loop at a time."""
 _REFRESH: Final = ns0(ObjectIds.ConditionType_ConditionRefresh)
 _REFRESH2: Final = ns0(ObjectIds.ConditionType_ConditionRefresh2)
 _CONFIRM: Final = ns0(ObjectIds.AcknowledgeableConditionType_Confirm)
@@ -69,6 +73,7 @@ class ConditionMethods:
         """
         self._server, self._view, self._scenarios = server, view, scenarios
         self._nodes, self._alarms, self._carried = nodes, alarms, carried
+        self._refreshing = set[int]()
 
     def build(self) -> None:
         """Let the Methods be called."""
@@ -141,7 +146,17 @@ class ConditionMethods:
         item_id = None if item is None else int(item.Value)
         if item_id is not None and subscription.items.get(item_id) is None:
             raise Refusal(StatusCodes.BadMonitoredItemIdInvalid)
-        self._view.refresh(number, item_id, self._nodes.refresh)
+        if number in self._refreshing:
+            raise Refusal(StatusCodes.BadRefreshInProgress)
+        self._refreshing.add(number)
+        try:
+            until = time.perf_counter() + _REFRESH_S
+            for _ in self._view.refresh(number, item_id, self._nodes.refresh):
+                if time.perf_counter() > until:
+                    await asyncio.sleep(0)
+                    until = time.perf_counter() + _REFRESH_S
+        finally:
+            self._refreshing.discard(number)
         return []
 
     # Of alarms of values alone.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 from collections import OrderedDict, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Final
 
@@ -210,17 +210,24 @@ class ScenarioView:
         source = self._nodes.key(f"{SCENARIOS}.Runs.{record.run_id}")
         self._projection.then(partial(self._emit, told, source, record.run_id, self._wall_ticks()))
 
-    def refresh(self, subscription_id: int, item_id: int | None, others: Callable[[int, int | None], None]) -> None:
+    def refresh(
+        self, subscription_id: int, item_id: int | None, others: Callable[[int, int | None], Iterator[None]]
+    ) -> Iterator[None]:
         """Tell one subscription, or one of its items, all that is retained (ConditionRefresh, OPC 10000-9 5.5.7).
 
-        `others` tells it of the conditions that are no faults.
+        `others` tells it of the conditions that are no faults. Each step tells of one at most, so that the caller can
+        let others have their turn in between.
         """
         now = self._wall_ticks()
         self._frame(ObjectIds.RefreshStartEventType, subscription_id, item_id, now)
-        for fault_id, (told, ticks) in self._alarms.items():
+        for fault_id in list(self._alarms):
+            if fault_id not in self._alarms:
+                continue  # it is over since the refresh began
+            told, ticks = self._alarms[fault_id]
             robot = self._faults[fault_id].robot
             self._emit(told, self._nodes.key(f"Robots.{robot}"), robot, ticks, subscription_id, item_id)
-        others(subscription_id, item_id)
+            yield
+        yield from others(subscription_id, item_id)
         if self.dialogs is not None:
             self.dialogs.refresh(subscription_id, item_id)
         self._frame(ObjectIds.RefreshEndEventType, subscription_id, item_id, now)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
@@ -31,7 +32,7 @@ class RecordingWriter:
         Raises:
             RecordingBroken: there is such a file already, or it cannot be written.
         """
-        self._most_bytes = most_bytes
+        self._path, self._most_bytes = path, most_bytes
         try:
             self._file = path.open("xb")
         except FileExistsError:
@@ -39,6 +40,7 @@ class RecordingWriter:
         except OSError as error:
             raise RecordingBroken(f"{path}: cannot be written ({error.strerror}); name another file") from error
         self._compressor = zstandard.ZstdCompressor(level=LEVEL).compressobj()
+        self._is_broken = False
         self.size = 0
         """Bytes of the file."""
         self._unflushed = 0
@@ -50,11 +52,16 @@ class RecordingWriter:
     def __exit__(
         self, _kind: type[BaseException] | None, _error: BaseException | None, _trace: TracebackType | None
     ) -> None:
-        self._put(self._compressor.flush())
-        self._file.close()
+        try:
+            if not self._is_broken:
+                self._put(self._compressor.flush())
+                self._flush_file()
+        finally:
+            with suppress(OSError):  # closing tries once more to write what the disk did not take
+                self._file.close()
 
     def write(self, record: Record) -> bool:
-        """Append a record; False where the file would grow beyond its bound."""
+        """Append a record; False where the file would grow beyond its bound. Raises RecordingBroken."""
         encoded = encode_record(record)
         if self._unflushed + len(encoded) > _FLUSH_BYTES:
             self.flush()
@@ -66,10 +73,10 @@ class RecordingWriter:
         return True
 
     def flush(self) -> None:
-        """Have in the file what was written so far."""
+        """Have in the file what was written so far; raises RecordingBroken."""
         if self._unflushed:
             self._put(self._compressor.flush(zstandard.COMPRESSOBJ_FLUSH_BLOCK))
-            self._file.flush()
+            self._flush_file()
             self._unflushed = 0
 
     def _append(self, content: bytes) -> None:
@@ -77,8 +84,21 @@ class RecordingWriter:
         self._put(self._compressor.compress(content))
 
     def _put(self, compressed: bytes) -> None:
-        self._file.write(compressed)
+        try:
+            self._file.write(compressed)
+        except OSError as error:
+            raise self._failed(error) from error
         self.size += len(compressed)
+
+    def _flush_file(self) -> None:
+        try:
+            self._file.flush()
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def _failed(self, error: OSError) -> RecordingBroken:
+        self._is_broken = True
+        return RecordingBroken(f"{self._path}: cannot be written any more ({error.strerror}); free some space")
 
 
 def read_recording(path: Path) -> tuple[Header, Iterator[Record]]:

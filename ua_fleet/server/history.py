@@ -170,8 +170,8 @@ class HistoryService:
 
     def forget(self, keys: Iterable[NodeId]) -> None:
         """These nodes are gone; what is stored of them stays for as long as it was to."""
-        for key in keys:
-            self._recorder.forget(key)
+        if kept := [row for key in keys for row in self._recorder.forget(key)]:
+            self._add(kept)
 
     def poll(self, now: float) -> None:
         """Begin to write what waits, or to tend the store, if it is time."""

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.config_problems import problems
 from ua_fleet.config.load import load
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.errors import ConfigInvalid
@@ -60,14 +59,6 @@ def test_what_is_wrong_is_refused_at_its_line(tmp_path: Path, line: str, problem
     assert problem in str(told.value)
 
 
-@pytest.mark.parametrize("robot", ["a", "b"])
-def test_an_alarm_of_a_value_is_none_of_a_bridge(robot: str) -> None:
-    """One of both would be no alarm."""
-    text = HEAD.replace("  r:", f"  {robot}:") + "      Online: {id: 1001, type: Boolean, normal: true}\n"
-    wrong = "11:robots.a.data.Online.normal: the alarm a.Online is there already: it says that the bridge a is away"
-    assert problems(text) == ([f"{wrong}; name the data otherwise, or the bridge"] if robot == "a" else [])
-
-
 @pytest.mark.parametrize(
     "line",
     [
@@ -96,3 +87,15 @@ def test_alarms_of_a_file(tmp_path: Path) -> None:
     assert (one.severity_at(1), one.severity_at(2)) == (500, 700)
     assert found["r.one.door"].normal is False
     assert found["a.Online"].normal is True
+
+
+def test_two_alarms_of_one_name_are_refused_with_both_places(tmp_path: Path) -> None:
+    """One would replace the other: ConditionIds are names."""
+    file = tmp_path / "fleet.yaml"
+    head = HEAD.replace("  r:\n", "  a:\n")
+    file.write_text(f"{head}      Online: {{id: 1001, type: Boolean, normal: true}}\n", encoding="utf-8")
+    with pytest.raises(ConfigInvalid) as told:
+        load(file)
+    assert f"{file}:11:robots.a.data.Online.normal: `a.Online` is an alarm of bridges.a (line 5) already" in str(
+        told.value
+    )

@@ -325,3 +325,15 @@ def test_what_comes_while_the_backlog_is_full_is_counted_and_marked() -> None:
     assert backlog.lost == {Full.ROWS: 4}  # a mark takes a place, too
     backlog.taken()
     assert [(key, each.time, each.status) for key, each in backlog.take().rows] == [(OTHER, 8, BAD_DATA_LOST)]
+
+
+def test_a_value_that_waits_is_kept_when_its_node_goes() -> None:
+    taken = Taken(Rule(at_most_each_s=10.0))
+    taken.give(10, 20.0)
+    taken.give(11, 95.0)
+    assert taken.told == [(10, 20.0)]
+    assert [(row.time / S, row.value) for _, row in taken.recorder.forget(KEY)] == [(11, 95.0)]
+    assert taken.recorder.forget(KEY) == []
+    taken.poll(60)
+    taken.give(11, 96.0, wall=61)
+    assert taken.rows[-1].time > 11 * S

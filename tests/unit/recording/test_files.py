@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import resource
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from random import Random
@@ -164,3 +166,26 @@ def test_a_secured_message_stays_secured_and_names_its_key(mode: SecurityMode) -
 @pytest.mark.parametrize("datagram", [b"", b"\x00", b"\xf1\x11\x01\x00"])
 def test_what_is_no_message_names_no_key(datagram: bytes) -> None:
     assert key_name(datagram, {}) == ""
+
+
+def fill(writer: RecordingWriter, record: Record) -> None:
+    noise = Random(5)
+    for _ in range(1000):
+        writer.write(record._replace(datagram=noise.randbytes(1000)))
+
+
+def test_a_full_disk_is_one_line_and_what_was_written_stays(tmp_path: Path) -> None:
+    file = tmp_path / "full.rec"
+    record = Record(1, 0, ("192.0.2.7", 4840), "", b"x")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handled = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, before[1]))
+        broken = pytest.raises(RecordingBroken, match=r"full.rec: cannot be written any more \(File too large\); free")
+        with RecordingWriter(file, HEADER, 1 << 30) as writer, broken:
+            fill(writer, record)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handled)
+    _, records = read_recording(file)
+    assert len(list(records)) > 200

@@ -123,10 +123,21 @@ def test_an_existing_user_is_changed_only_when_asked(invoke: Invoke, fleet: Path
     invoke("user", "add", "anna", "--password-file", "-", stdin=PASSWORD)
     ended = invoke("user", "add", "anna", "--password-file", "-", stdin="something else")
     assert ended.code == 2
-    assert ended.stderr.endswith("to change the password run: ua-fleet user add anna --replace\n")
+    assert ended.stderr.endswith("to change the password run: ua-fleet user add anna --role observer --replace\n")
     assert store_of(fleet).verify("anna", PASSWORD) is not None
     assert invoke("user", "add", "anna", "--replace", "--password-file", "-", stdin="something else").code == 0
     assert store_of(fleet).verify("anna", "something else") is not None
+
+
+def test_another_password_takes_away_no_right(invoke: Invoke, fleet: Path) -> None:
+    arguments = ("user", "add", "eva", "-c", str(fleet), "--password-file", "-")
+    assert invoke(*arguments, "--role", "engineer", stdin=PASSWORD).code == 0
+    ended = invoke(*arguments, stdin="something else")
+    remedy = ended.stderr.partition("to change the password run: ua-fleet ")[2].split()
+    assert remedy == ["user", "add", "eva", "--role", "engineer", "--replace", "-c", str(fleet)]
+    assert invoke(*remedy, "--password-file", "-", stdin="something else").stdout == "eva (engineer)\n"
+    assert invoke(*arguments, "--replace", stdin=PASSWORD).stdout == "eva (engineer)\n", "without --role"
+    assert invoke(*arguments, "--replace", "--role", "operator", stdin=PASSWORD).stdout == "eva (operator)\n"
 
 
 def type_at_terminal(fleet: Path, answers: list[str]) -> tuple[int, str]:

@@ -32,7 +32,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from ua_fleet.errors import ServerStartError, UaFleetError
+from ua_fleet.errors import ServerStartError, StorageUnavailable, UaFleetError
 from ua_fleet.storage.files import write_whole
 from ua_fleet.transport.interfaces import machine_addresses
 from ua_fleet.validity import Validity
@@ -355,14 +355,19 @@ def certificate_paths(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes and "-key" not in path.stem)
 
 
-def list_certificates(state_dir: Path) -> list[CertificateInfo]:
-    """Every readable certificate of the folders; what cannot be read is left out and logged."""
+def list_certificates(state_dir: Path, *, strict: bool = False) -> list[CertificateInfo]:
+    """Every readable certificate of the folders; what cannot be read is left out and logged.
+
+    With `strict`, a folder that cannot be read raises StorageUnavailable.
+    """
     found: list[CertificateInfo] = []
     for state in CertificateState:
         folder = certificates_folder(state_dir) / state
         try:
             paths = certificate_paths(folder)
         except OSError as error:
+            if strict:
+                raise StorageUnavailable(f"{folder}: {error.strerror}; run this as the user of the server") from error
             _log.warning("certificates left out", reason=f"{folder}: {error.strerror}")
             continue
         for path in paths:
@@ -379,7 +384,7 @@ def _find(state_dir: Path, what: str | Path, states: Sequence[CertificateState])
     if source.is_file():
         return load_certificate(source), []
     prefix = str(what).lower().replace(":", "").replace(" ", "")
-    there = [info for info in list_certificates(state_dir) if info.state in states]
+    there = [info for info in list_certificates(state_dir, strict=True) if info.state in states]
     matches = [info for info in there if prefix and info.thumbprint.startswith(prefix)]
     count = len({info.thumbprint for info in matches})
     if count != 1:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 import time
 from datetime import UTC, datetime
@@ -15,6 +14,7 @@ import typer
 from ua_fleet.cli.endings import NotFound, UsageError
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, read_secret, state_folder
 from ua_fleet.cli.output import message, print_json, print_line, print_table
+from ua_fleet.printing import config_option
 
 if TYPE_CHECKING:
     from ua_fleet.endpoint.session_keys import SessionKeys
@@ -112,7 +112,7 @@ def add(
 
     store = _store(config)
     known = next((user for user in store.list() if user.name == name), None)
-    file = f" -c {shlex.quote(str(config))}" if config != DEFAULT_CONFIG else ""
+    file = config_option()
     if known is not None and not replace:
         raise UsageError(
             f"there is a user {name} already; to change the password run: "

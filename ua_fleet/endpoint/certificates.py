@@ -33,6 +33,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from ua_fleet.errors import ServerStartError, StorageUnavailable, UaFleetError
+from ua_fleet.printing import config_option
 from ua_fleet.storage.files import write_whole
 from ua_fleet.transport.interfaces import machine_addresses
 from ua_fleet.validity import Validity
@@ -128,14 +129,14 @@ class CertificateInfo:
     def renewal(self) -> str:
         """What to do when it ends."""
         if self.state is CertificateState.BRIDGE:
-            return f"ua-fleet cert create --bridge {self.bridge} --renew --trust"
+            return f"ua-fleet cert create --bridge {self.bridge} --renew --trust{config_option()}"
         if self.state is CertificateState.GATEWAY:
             return f"its owner has to renew it; then: ua-fleet cert trust --gateway {self.gateway} FILE"
         if self.state is not CertificateState.OWN:
             return "its owner has to renew it; then: ua-fleet cert trust FILE"
         if self.path.stem == "server":
-            return "ua-fleet cert create --renew, then restart the server"
-        return f"ua-fleet cert create --client {self.path.stem} --renew"
+            return f"ua-fleet cert create --renew{config_option()}, then restart the server"
+        return f"ua-fleet cert create --client {self.path.stem} --renew{config_option()}"
 
 
 def certificates_folder(state_dir: Path) -> Path:
@@ -286,8 +287,10 @@ def _ensure(
     server: bool,
     renew: bool,
 ) -> CertificateFiles:
-    renewal = f"run: ua-fleet cert create{'' if server else f' --client {files.certificate.stem}'} --renew"
-    remedy = f"move both files away and run: {renewal.removeprefix('run: ').removesuffix(' --renew')}"
+    renewal = (
+        f"run: ua-fleet cert create{'' if server else f' --client {files.certificate.stem}'} --renew{config_option()}"
+    )
+    remedy = f"move both files away and run: {renewal.removeprefix('run: ').replace(' --renew', '')}"
     wanted = partial(
         create_certificate, application_uri=application_uri, common_name=common_name, hostnames=hosts, server=server
     )
@@ -356,10 +359,7 @@ def certificate_paths(folder: Path) -> list[Path]:
 
 
 def list_certificates(state_dir: Path, *, strict: bool = False) -> list[CertificateInfo]:
-    """Every readable certificate of the folders; what cannot be read is left out and logged.
-
-    With `strict`, a folder that cannot be read raises StorageUnavailable.
-    """
+    """Every readable certificate; the rest is logged, but StorageUnavailable for a folder with `strict`."""
     found: list[CertificateInfo] = []
     for state in CertificateState:
         folder = certificates_folder(state_dir) / state

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.system import forked, run
-from tests.unit.cli.conftest import Invoke
+from tests.unit.cli.conftest import FLEET, Invoke
 from ua_fleet.cli.decision import DecisionModeName, LimitName
 from ua_fleet.cli.options import Policy
 from ua_fleet.cli.user import RoleName
@@ -446,4 +446,11 @@ def test_the_server_does_not_start_with_a_certificate_that_has_ended(invoke: Inv
     ended = run(*command)
     assert ended.returncode == 1
     assert "server.der: expired on 20" in ended.stderr
-    assert ended.stderr.endswith("; run: ua-fleet cert create --renew\n")
+    assert ended.stderr.endswith(f"; run: ua-fleet cert create --renew -c {fleet}\n")
+
+
+def test_a_command_that_is_printed_is_about_the_same_fleet(invoke: Invoke, tmp_path: Path) -> None:
+    (tmp_path / "hall 2.yaml").write_text(FLEET)
+    assert invoke("cert", "create", "-c", "hall 2.yaml").code == 0
+    [own] = certificates.list_certificates(tmp_path / "state")
+    assert own.renewal == "ua-fleet cert create --renew -c 'hall 2.yaml', then restart the server"

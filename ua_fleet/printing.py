@@ -8,10 +8,25 @@ direction of writing, so that a line reads otherwise than it is.
 from __future__ import annotations
 
 import json
+import shlex
 from datetime import UTC, datetime
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
-__all__ = ["harmless", "harmless_json", "harmless_lines", "utc_text"]
+__all__ = ["config_option", "harmless", "harmless_json", "harmless_lines", "utc_text"]
+
+
+_OPTION: Final = [""]
+
+
+def config_option(file: Path | None = None, default: Path | None = None) -> str:
+    """What a command that is printed needs to be about this process's fleet: ` -c FILE`, or nothing.
+
+    With a file, that is the fleet's from now on.
+    """
+    if file is not None:
+        _OPTION[0] = "" if file == default else f" -c {shlex.quote(str(file))}"
+    return _OPTION[0]
 
 
 def harmless(text: str) -> str:

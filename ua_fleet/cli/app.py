@@ -17,7 +17,7 @@ from ua_fleet import __version__
 from ua_fleet.cli.command_group import add_command as _add
 from ua_fleet.cli.command_group import command_group
 from ua_fleet.cli.completion import prepare_completion
-from ua_fleet.cli.endings import UsageProblems, exit_code_of
+from ua_fleet.cli.endings import UsageProblems, exit_code_of, storage_error
 from ua_fleet.cli.output import message
 from ua_fleet.cli.plug_ins import ExtensibleGroup
 from ua_fleet.errors import ConfigInvalid, JudgementsInvalid, ScenarioInvalid, UaFleetError
@@ -238,4 +238,9 @@ def main() -> NoReturn:
     except UaFleetError as error:
         _tell(error)
         _end(exit_code_of(error))
+    except OSError as error:
+        if (told := storage_error(error)) is None:
+            raise
+        _tell(told)
+        _end(exit_code_of(told))
     _end(0)

@@ -202,7 +202,7 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
     from ua_fleet.endpoint.certificates import list_certificates
 
     _, folder = state_folder(config)
-    found = list_certificates(folder)
+    found = list_certificates(folder, strict=True)
     if as_json:
         for info in found:
             print_json(_as_json(info))
@@ -304,7 +304,7 @@ def _last_rejected(folder: Path) -> str:
     from ua_fleet.endpoint.certificates import CertificateState, list_certificates
     from ua_fleet.endpoint.rejected import rejection_of
 
-    waiting = [info for info in list_certificates(folder) if info.state is CertificateState.REJECTED]
+    waiting = [info for info in list_certificates(folder, strict=True) if info.state is CertificateState.REJECTED]
     if not waiting:
         raise NotFound("no certificate was refused; connect once with the client that you want to trust")
     return max(waiting, key=lambda info: rejection_of(info.path).last_s).thumbprint

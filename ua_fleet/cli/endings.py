@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 from collections.abc import Generator, Sequence
 from typing import Final
 
@@ -14,13 +15,14 @@ from ua_fleet.errors import (
     RobotOffline,
     SendTimeout,
     SkillTimeout,
+    StorageUnavailable,
     TopicInvalid,
     TransportError,
     UaFleetError,
 )
 from ua_fleet.values import StatusCode
 
-__all__ = ["EXIT_FAILED", "NotFound", "UsageError", "UsageProblems", "exit_code_of", "extra_needed"]
+__all__ = ["EXIT_FAILED", "NotFound", "UsageError", "UsageProblems", "exit_code_of", "extra_needed", "storage_error"]
 
 EXIT_FAILED: Final = 1
 EXIT_USAGE: Final = 2
@@ -68,6 +70,25 @@ def exit_code_of(error: UaFleetError) -> int:
     if error.ua_status in (StatusCode.BAD_NODE_ID_UNKNOWN, StatusCode.BAD_NODE_ID_INVALID):
         return EXIT_NOT_FOUND
     return EXIT_FAILED
+
+
+_REMEDIES: Final = {
+    errno.EACCES: "run this as the user that the files belong to",
+    errno.EPERM: "run this as the user that the files belong to",
+    errno.ENOSPC: "make room on that disk",
+    errno.EDQUOT: "make room on that disk",
+    errno.EROFS: "name a folder that can be written, or mount that disk for writing",
+}
+_OTHER_REMEDY: Final = "see that it is a file or folder that this user can read and write"
+
+
+def storage_error(error: OSError) -> StorageUnavailable | None:
+    """What a file's error says to a person; None where it is of no file, and so a mistake of ours."""
+    if error.filename is None and error.errno not in _REMEDIES:
+        return None
+    what = error.filename if error.filename is not None else "a file"
+    remedy = _REMEDIES.get(error.errno or 0, _OTHER_REMEDY)
+    return StorageUnavailable(f"{what}: {(error.strerror or str(error)).lower()}; {remedy}")
 
 
 @contextlib.contextmanager

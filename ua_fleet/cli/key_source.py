@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ua_fleet.cli.endings import extra_needed
+from ua_fleet.transport.addresses import host_and_port
 
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
@@ -14,14 +15,15 @@ if TYPE_CHECKING:
 
 __all__ = ["key_source_of", "relay_key_source_of", "service_endpoint", "service_keys_of"]
 
-_ANY_ADDRESS = ("0.0.0.0", "::")
+_THIS_MACHINE = {"0.0.0.0": "127.0.0.1", "::": "::1"}
+"""Where one asks a server of this machine that listens on all addresses."""
 
 
 def service_endpoint(config: FleetConfig) -> str:
     """URL of the key service."""
     server = config.server
-    host = "127.0.0.1" if server.host in _ANY_ADDRESS else server.host
-    return config.pubsub.keys.endpoint or f"opc.tcp://{host}:{server.port}/{server.path}"
+    place = host_and_port(_THIS_MACHINE.get(server.host, server.host), server.port)
+    return config.pubsub.keys.endpoint or f"opc.tcp://{place}/{server.path}"
 
 
 def key_source_of(

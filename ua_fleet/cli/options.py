@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from ua_fleet.cli.endings import UsageError
+from ua_fleet.printing import config_option
 
 if TYPE_CHECKING:
     from ua_fleet.cli.context_file import LoginContext
@@ -240,6 +241,7 @@ def load_config(
     """Load the configuration file with the environment's layer, and the command's options above it."""
     from ua_fleet.config import load
 
+    config_option(path, DEFAULT_CONFIG)
     return load(path, os.environ, overrides=overrides, allow_missing_ids=allow_missing_ids)
 
 

@@ -36,12 +36,11 @@ def backup(file: File, config: Config = DEFAULT_CONFIG, as_json: Json = False) -
     gateway, `pubsub.keys.folder` and `scenarios.folder`. Run it as the user of these processes. The configuration
     itself, files that it refers to, and a history in PostgreSQL are not in it.
     """
-    from ua_fleet.config.state_folders import state_folders
     from ua_fleet.storage.state_backup import write_backup
     from ua_fleet.storage.state_files import Manifest
 
     fleet = load_config(config, allow_missing_ids=True)
-    folders = state_folders(fleet, config.resolve().parent)
+    folders = _folders(fleet, config.resolve().parent)
     if not any(folder.is_dir() for folder in folders.values()):
         raise NotFound(f"{config}: no process of this fleet has stored anything on this machine")
     made = datetime.now(UTC).isoformat(timespec="seconds")
@@ -81,11 +80,11 @@ def restore(
     backup is not in it: requests without an end are asked after, and not sent again. All keys of message security
     count as used up.
     """
-    from ua_fleet.config.state_folders import state_folders
     from ua_fleet.storage.state_restore import open_work, put_in_place, unpacked
 
     _check_there(file)
     fleet, folder = load_config(config, allow_missing_ids=True), config.resolve().parent
+    folders = _folders(fleet, folder)
     with _nobody_runs(fleet, folder), unpacked(file, __version__, folder) as (manifest, within):
         if manifest.fleet != fleet.fleet.name:
             raise UsageError(f"{file} is of the fleet {manifest.fleet!r}, and {config} of {fleet.fleet.name!r}")
@@ -95,13 +94,22 @@ def restore(
                 f"{file}: {work.runs} runs and {work.requests} requests to robots had no end; see what the robots are"
                 f" doing, then restore with --despite-open-work"
             )
-        restored = put_in_place(within, state_folders(fleet, folder), manifest, datetime.now(UTC))
+        restored = put_in_place(within, folders, manifest, datetime.now(UTC))
     _print(file, manifest, as_json=as_json, size=file.stat().st_size)
     for path in restored.aside:
         message(f"what was there before: {path}")
     for path in restored.broken:
         message(f"{path}: was broken before the backup, and is restored as it was; its process says the remedy")
     _tell_what_to_do(fleet, manifest)
+
+
+def _folders(fleet: FleetConfig, folder: Path) -> dict[str, Path]:
+    """The folders of the state; UsageError where they cannot be told apart, before anything is written or moved."""
+    from ua_fleet.config.state_folders import state_folders, unfit_folders
+
+    if problems := unfit_folders(fleet, folder):
+        raise UsageError(problems[0])
+    return state_folders(fleet, folder)
 
 
 def _tell_what_to_do(fleet: FleetConfig, manifest: Manifest) -> None:

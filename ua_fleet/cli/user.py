@@ -14,6 +14,7 @@ import typer
 from ua_fleet.cli.endings import NotFound, UsageError
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, read_secret, state_folder
 from ua_fleet.cli.output import message, print_json, print_line, print_table
+from ua_fleet.printing import config_option
 
 if TYPE_CHECKING:
     from ua_fleet.endpoint.session_keys import SessionKeys
@@ -88,13 +89,18 @@ def _new_password(name: str, password_file: Path | None, command: str) -> str:
 def add(
     name: Annotated[str, typer.Argument(help="Name to log in with.")],
     role: Annotated[
-        RoleName,
-        typer.Option(help="observer reads; operator also writes and calls methods; engineer may do everything."),
-    ] = RoleName.OBSERVER,
+        RoleName | None,
+        typer.Option(
+            help="observer reads; operator also writes and calls methods; engineer may do everything. Without it a new "
+            "user is an observer, and one that is replaced keeps the role.",
+        ),
+    ] = None,
     password_file: Annotated[
         Path | None, typer.Option(help="Take the password from the first line of this file; - for stdin.")
     ] = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Give an existing user this role and password.")] = False,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Give an existing user this password, and --role if it is given.")
+    ] = False,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
@@ -105,18 +111,17 @@ def add(
     from ua_fleet.endpoint.users import Role
 
     store = _store(config)
-    if not replace and name in {user.name for user in store.list()}:
+    known = next((user for user in store.list() if user.name == name), None)
+    file = config_option()
+    if known is not None and not replace:
         raise UsageError(
-            f"there is a user {name} already; to change the password run: ua-fleet user add {name} --replace"
+            f"there is a user {name} already; to change the password run: "
+            f"ua-fleet user add {name} --role {known.role.value} --replace{file}"
         )
-    # Without --role, the command that an error tells would make an observer.
-    options = (
-        f" --role {role.value}",
-        *([" --replace"] if replace else []),
-        *([f" -c {config}"] if config != DEFAULT_CONFIG else []),
-    )
-    password = _new_password(name, password_file, f"ua-fleet user add {name}{''.join(options)}")
-    user = store.add(name, password, Role(role.value), replace_existing=replace)
+    given = Role(role.value) if role is not None else known.role if known is not None else Role.OBSERVER
+    # Without --role, the command that an error tells might give another one by then.
+    again = f"ua-fleet user add {name} --role {given.value}{' --replace' if replace else ''}{file}"
+    user = store.add(name, _new_password(name, password_file, again), given, replace_existing=replace)
     if as_json:
         print_json({"name": user.name, "role": user.role.value})
     else:

@@ -47,7 +47,7 @@ from ua_fleet.client.subscriptions import Subscriptions, subscribe
 from ua_fleet.client.summaries import RobotSummary, SummariesChanged, read_summaries, watch_summaries
 from ua_fleet.client.translated import NodeNotFound, quietly, translated
 from ua_fleet.client.trends import Trend, read_trends
-from ua_fleet.errors import AccessRefused, NotConnected
+from ua_fleet.errors import AccessRefused, NotConnected, StorageUnavailable
 from ua_fleet.values import StatusCode
 
 __all__ = ["POLICIES", "AnotherServer", "Change", "FleetClient", "NodeInfo", "Reading"]
@@ -85,6 +85,18 @@ class AnotherServer(AccessRefused):
         super().__init__(
             StatusCode.BAD_SECURITY_CHECKS_FAILED, f"another server answers at {endpoint}: {found}, not {wanted}"
         )
+
+
+async def _ensured(identity: ClientIdentity) -> None:
+    """Have the certificate and its key; an error of their folder is none of the server's."""
+    try:
+        await identity.ensure()
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise StorageUnavailable(
+            f"{identity.certificate.parent}: the client's certificate cannot be kept there ({reason}); "
+            "let this user write there, or name another folder (XDG_STATE_HOME; of a bridge: state_dir)"
+        ) from error
 
 
 class FleetClient:
@@ -148,6 +160,7 @@ class FleetClient:
             timeout_s: longest wait for any answer.
 
         Raises:
+            StorageUnavailable: the folder of the identity cannot be read or written.
             NotConnected: nobody answers there.
             SendTimeout: the server did not answer in time.
             AnotherServer: it has another ApplicationUri; it was not given the password.
@@ -160,10 +173,11 @@ class FleetClient:
         meeting, shown_uri = Meeting(is_first=False), ""
         if insecure and server_uri:
             raise AnotherServer(endpoint, "one that shows no certificate", server_uri)
+        if not insecure:
+            identity = identity or ClientIdentity(default_identity_folder())
+            await _ensured(identity)
         with translated(endpoint):
-            if not insecure:
-                identity = identity or ClientIdentity(default_identity_folder())
-                await identity.ensure()
+            if identity is not None and not insecure:
                 client.application_uri = identity.application_uri
                 endpoints = await client.connect_and_get_server_endpoints()
                 offer = _encrypted_endpoint(endpoint, endpoints, policy)

@@ -19,7 +19,12 @@ def write_default(path: Path) -> None:
     """Write the file; raises ConfigError where there is one already or the folder cannot be written."""
     try:
         with path.open("xb") as file:
-            file.write(default_content())
+            try:
+                file.write(default_content())
+                file.flush()
+            except BaseException:
+                path.unlink(missing_ok=True)  # what is there would be refused the next time
+                raise
     except FileExistsError as error:
         raise ConfigError("exists already", file=str(path), suggestion="choose another name") from error
     except OSError as error:

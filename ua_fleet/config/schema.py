@@ -341,7 +341,7 @@ class ServerConfig(Model, frozen=True):
     """The OPC UA server."""
 
     host: str = "127.0.0.1"
-    """Address to listen on; `0.0.0.0` for all of this machine's."""
+    """Address to listen on; `0.0.0.0` for all of this machine's, `::` for all its IPv6 addresses."""
     port: int = Field(default=4840, ge=0, le=65535)
     """TCP port; 0 takes any free one."""
     path: Annotated[str, Field(pattern=r"^[A-Za-z0-9_/-]*$")] = "ua_fleet"
@@ -384,6 +384,13 @@ class ServerConfig(Model, frozen=True):
     """The audit log in `state_dir`."""
     monitoring_port: Port | None = None
     """The server's port in place of `monitoring.port`."""
+
+    @field_validator("host")
+    @classmethod
+    def _host(cls, host: str) -> str:
+        if not host or host != host.strip("[]"):
+            raise ValueError("write a host, 0.0.0.0 for all addresses, or an IPv6 address without brackets")
+        return host
 
 
 class MonitoringConfig(Model, frozen=True):

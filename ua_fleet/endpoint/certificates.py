@@ -32,7 +32,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from ua_fleet.errors import ServerStartError, UaFleetError
+from ua_fleet.errors import ServerStartError, StorageUnavailable, UaFleetError
+from ua_fleet.printing import config_option
 from ua_fleet.storage.files import write_whole
 from ua_fleet.transport.interfaces import machine_addresses
 from ua_fleet.validity import Validity
@@ -128,14 +129,14 @@ class CertificateInfo:
     def renewal(self) -> str:
         """What to do when it ends."""
         if self.state is CertificateState.BRIDGE:
-            return f"ua-fleet cert create --bridge {self.bridge} --renew --trust"
+            return f"ua-fleet cert create --bridge {self.bridge} --renew --trust{config_option()}"
         if self.state is CertificateState.GATEWAY:
             return f"its owner has to renew it; then: ua-fleet cert trust --gateway {self.gateway} FILE"
         if self.state is not CertificateState.OWN:
             return "its owner has to renew it; then: ua-fleet cert trust FILE"
         if self.path.stem == "server":
-            return "ua-fleet cert create --renew, then restart the server"
-        return f"ua-fleet cert create --client {self.path.stem} --renew"
+            return f"ua-fleet cert create --renew{config_option()}, then restart the server"
+        return f"ua-fleet cert create --client {self.path.stem} --renew{config_option()}"
 
 
 def certificates_folder(state_dir: Path) -> Path:
@@ -286,8 +287,10 @@ def _ensure(
     server: bool,
     renew: bool,
 ) -> CertificateFiles:
-    renewal = f"run: ua-fleet cert create{'' if server else f' --client {files.certificate.stem}'} --renew"
-    remedy = f"move both files away and run: {renewal.removeprefix('run: ').removesuffix(' --renew')}"
+    renewal = (
+        f"run: ua-fleet cert create{'' if server else f' --client {files.certificate.stem}'} --renew{config_option()}"
+    )
+    remedy = f"move both files away and run: {renewal.removeprefix('run: ').replace(' --renew', '')}"
     wanted = partial(
         create_certificate, application_uri=application_uri, common_name=common_name, hostnames=hosts, server=server
     )
@@ -355,14 +358,16 @@ def certificate_paths(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes and "-key" not in path.stem)
 
 
-def list_certificates(state_dir: Path) -> list[CertificateInfo]:
-    """Every readable certificate of the folders; what cannot be read is left out and logged."""
+def list_certificates(state_dir: Path, *, strict: bool = False) -> list[CertificateInfo]:
+    """Every readable certificate; the rest is logged, but StorageUnavailable for a folder with `strict`."""
     found: list[CertificateInfo] = []
     for state in CertificateState:
         folder = certificates_folder(state_dir) / state
         try:
             paths = certificate_paths(folder)
         except OSError as error:
+            if strict:
+                raise StorageUnavailable(f"{folder}: {error.strerror}; run this as the user of the server") from error
             _log.warning("certificates left out", reason=f"{folder}: {error.strerror}")
             continue
         for path in paths:
@@ -379,7 +384,7 @@ def _find(state_dir: Path, what: str | Path, states: Sequence[CertificateState])
     if source.is_file():
         return load_certificate(source), []
     prefix = str(what).lower().replace(":", "").replace(" ", "")
-    there = [info for info in list_certificates(state_dir) if info.state in states]
+    there = [info for info in list_certificates(state_dir, strict=True) if info.state in states]
     matches = [info for info in there if prefix and info.thumbprint.startswith(prefix)]
     count = len({info.thumbprint for info in matches})
     if count != 1:

@@ -116,9 +116,11 @@ class TcpConnection(asyncio.BufferedProtocol):
 
     @property
     def server_address(self) -> tuple[str, int] | None:
-        """Address and port of our side."""
+        """Address and port of our side, an IPv6 address in brackets: asyncua makes URLs of them."""
         name = self._transport.get_extra_info("sockname") if self._transport else None
-        return (str(name[0]), int(name[1])) if name else None
+        if not name:
+            return None
+        return (f"[{name[0]}]" if ":" in name[0] else str(name[0])), int(name[1])
 
     @property
     def over(self) -> bool:

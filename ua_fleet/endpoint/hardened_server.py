@@ -48,6 +48,7 @@ from ua_fleet.endpoint.trust import TrustList
 from ua_fleet.endpoint.users import USERS_FILE, Role, User, UserStore
 from ua_fleet.errors import ServerStartError
 from ua_fleet.storage.files import make_private_folder
+from ua_fleet.transport.addresses import host_and_port
 
 __all__ = ["HardenedServer", "NodeGate", "create_server"]
 
@@ -162,7 +163,7 @@ class HardenedServer(Server):
         assert self._listener is not None
         _warn(self.context)
         await self._listener.bind()
-        self.endpoint = self.endpoint._replace(netloc=f"{self.endpoint.hostname}:{self._listener.port}")
+        self.endpoint = self.endpoint._replace(netloc=host_and_port(self.endpoint.hostname or "", self._listener.port))
         await self._setup_server_nodes()
         self.context.policies = self._policies
         await self.iserver.start()
@@ -287,7 +288,7 @@ async def create_server(
     with paused_collection():
         await server.init()
     await server.set_application_uri(application_uri)
-    server.set_endpoint(f"opc.tcp://{config.host}:{config.port}/{config.path}")
+    server.set_endpoint(f"opc.tcp://{host_and_port(config.host, config.port)}/{config.path}")
     await server.load_certificate(files.certificate)
     await server.load_private_key(files.private_key)
     server.allow_remote_admin(False)

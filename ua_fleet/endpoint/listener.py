@@ -18,6 +18,7 @@ from ua_fleet.endpoint.services import Services
 from ua_fleet.endpoint.session_keys import KeyFileError
 from ua_fleet.endpoint.users import UserFileError
 from ua_fleet.errors import ServerStartError
+from ua_fleet.transport.addresses import host_and_port
 
 __all__ = ["EndpointListener"]
 
@@ -60,7 +61,7 @@ class EndpointListener:
             )
         except OSError as error:
             raise ServerStartError(
-                f"opc.tcp://{self._host}:{self._wanted_port}: cannot listen ({error.strerror or error}); "
+                f"opc.tcp://{host_and_port(self._host, self._wanted_port)}: cannot listen ({error.strerror or error}); "
                 f"set server.port (or UA_FLEET__SERVER__PORT) to a free port, server.host to an address of this machine"
             ) from error
         self.port = int(self._server.sockets[0].getsockname()[1])

@@ -54,8 +54,10 @@ def write_whole(path: Path, data: bytes, mode: int = 0o600, *, like: os.stat_res
                 os.fchmod(descriptor, like.st_mode & 0o7777)
             os.fsync(descriptor)
         temporary.replace(path)
-    except BaseException:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+            error.filename = str(path)  # that of a write to a descriptor names no file
         raise
     sync_folder(path.parent)
 

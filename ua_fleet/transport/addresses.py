@@ -8,9 +8,14 @@ from typing import Final
 from ua_fleet.errors import TransportError
 from ua_fleet.transport.base import Address
 
-__all__ = ["answer_address", "parse_url"]
+__all__ = ["answer_address", "host_and_port", "parse_url"]
 
 _SCHEME: Final = "opc.udp://"
+
+
+def host_and_port(host: str, port: int) -> str:
+    """Both as a URL has them: an IPv6 address stands in brackets (RFC 3986 3.2.2)."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def parse_url(url: str) -> Address:

@@ -12,8 +12,10 @@ import pytest
 
 from tests.system import clean_environment
 from tests.unit.cli.conftest import Invoke
-from ua_fleet.cli.endings import NotFound, UsageError, exit_code_of, extra_needed
+from ua_fleet.cli import app as application
+from ua_fleet.cli.endings import NotFound, UsageError, exit_code_of, extra_needed, storage_error
 from ua_fleet.cli.process import run
+from ua_fleet.endpoint import certificates
 from ua_fleet.errors import (
     AccessRefused,
     BridgeUnavailable,
@@ -179,3 +181,49 @@ def test_watch_of_a_server_that_does_not_answer_has_not_ended_in_order(invoke: I
         ended = invoke("watch", "i=85", "--timeout", "0.2", "-e", endpoint, "--insecure")
     assert ended.code == 5
     assert f"{endpoint} did not answer in time" in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (PermissionError(13, "Permission denied", "/state/a"), "/state/a: permission denied; run this as the user"),
+        (OSError(28, "No space left on device", "/state/a"), "/state/a: no space left on device; make room on that"),
+        (OSError(30, "Read-only file system", "/state/a"), "/state/a: read-only file system; name a folder that can"),
+        (NotADirectoryError(20, "Not a directory", "/a/b"), "/a/b: not a directory; see that it is a file or folder"),
+        (OSError(28, "No space left on device"), "a file: no space left on device; make room on that disk"),
+    ],
+)
+def test_an_error_of_a_file_is_one_line(
+    error: OSError, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(**_: object) -> None:
+        raise error
+
+    def fails_not(*_: object) -> None: ...
+
+    monkeypatch.setattr(application, "app", fails)
+    monkeypatch.setattr(application, "prepare_completion", lambda: None)
+    monkeypatch.setattr(signal, "signal", fails_not)
+    with pytest.raises(SystemExit) as ended:
+        application.main()
+    shown = capsys.readouterr().err
+    assert ended.value.code == 1
+    assert shown.startswith(f"ua-fleet: {said}")
+    assert shown.count("\n") == 1
+
+
+def test_an_error_of_no_file_is_a_mistake_of_ours() -> None:
+    assert storage_error(ConnectionResetError(104, "Connection reset by peer")) is None
+
+
+def test_folders_that_cannot_be_read_have_no_answer(
+    invoke: Invoke, fleet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(_: Path) -> list[Path]:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(certificates, "certificate_paths", refused)
+    for arguments in (("list",), ("trust", "--last", "--show"), ("trust", "abcdef0123")):
+        ended = invoke("cert", *arguments, "-c", str(fleet))
+        assert (ended.code, ended.stdout) == (1, "")
+        assert ": Permission denied; run this as the user of the server" in ended.stderr

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.system import forked, run
-from tests.unit.cli.conftest import Invoke
+from tests.unit.cli.conftest import FLEET, Invoke
 from ua_fleet.cli.decision import DecisionModeName, LimitName
 from ua_fleet.cli.options import Policy
 from ua_fleet.cli.user import RoleName
@@ -123,10 +123,21 @@ def test_an_existing_user_is_changed_only_when_asked(invoke: Invoke, fleet: Path
     invoke("user", "add", "anna", "--password-file", "-", stdin=PASSWORD)
     ended = invoke("user", "add", "anna", "--password-file", "-", stdin="something else")
     assert ended.code == 2
-    assert ended.stderr.endswith("to change the password run: ua-fleet user add anna --replace\n")
+    assert ended.stderr.endswith("to change the password run: ua-fleet user add anna --role observer --replace\n")
     assert store_of(fleet).verify("anna", PASSWORD) is not None
     assert invoke("user", "add", "anna", "--replace", "--password-file", "-", stdin="something else").code == 0
     assert store_of(fleet).verify("anna", "something else") is not None
+
+
+def test_another_password_takes_away_no_right(invoke: Invoke, fleet: Path) -> None:
+    arguments = ("user", "add", "eva", "-c", str(fleet), "--password-file", "-")
+    assert invoke(*arguments, "--role", "engineer", stdin=PASSWORD).code == 0
+    ended = invoke(*arguments, stdin="something else")
+    remedy = ended.stderr.partition("to change the password run: ua-fleet ")[2].split()
+    assert remedy == ["user", "add", "eva", "--role", "engineer", "--replace", "-c", str(fleet)]
+    assert invoke(*remedy, "--password-file", "-", stdin="something else").stdout == "eva (engineer)\n"
+    assert invoke(*arguments, "--replace", stdin=PASSWORD).stdout == "eva (engineer)\n", "without --role"
+    assert invoke(*arguments, "--replace", "--role", "operator", stdin=PASSWORD).stdout == "eva (operator)\n"
 
 
 def type_at_terminal(fleet: Path, answers: list[str]) -> tuple[int, str]:
@@ -435,4 +446,11 @@ def test_the_server_does_not_start_with_a_certificate_that_has_ended(invoke: Inv
     ended = run(*command)
     assert ended.returncode == 1
     assert "server.der: expired on 20" in ended.stderr
-    assert ended.stderr.endswith("; run: ua-fleet cert create --renew\n")
+    assert ended.stderr.endswith(f"; run: ua-fleet cert create --renew -c {fleet}\n")
+
+
+def test_a_command_that_is_printed_is_about_the_same_fleet(invoke: Invoke, tmp_path: Path) -> None:
+    (tmp_path / "hall 2.yaml").write_text(FLEET)
+    assert invoke("cert", "create", "-c", "hall 2.yaml").code == 0
+    [own] = certificates.list_certificates(tmp_path / "state")
+    assert own.renewal == "ua-fleet cert create --renew -c 'hall 2.yaml', then restart the server"

@@ -75,3 +75,16 @@ def test_from_the_new_file_to_a_valid_one(tmp_path: Path) -> None:
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be written: no such file or directory"):
         write_default(tmp_path / "no" / "fleet.yaml")
+
+
+def test_on_a_full_disk_nothing_is_left_that_is_refused_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full() -> bytes:
+        raise OSError(28, "No space left on device")
+
+    path = tmp_path / "fleet.yaml"
+    with monkeypatch.context() as patched:
+        patched.setattr("ua_fleet.config.default_file.default_content", full)
+        with pytest.raises(ConfigError, match="no space left on device"):
+            write_default(path)
+    write_default(path)
+    assert path.read_bytes() == default_content()

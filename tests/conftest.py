@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Generator, Iterator
+from pathlib import Path
 from typing import Any, Final
 
 import pytest
@@ -18,6 +19,7 @@ import structlog
 from tests import command_tree, crashes, known_keys, system
 from tests.fresh_modules import FreshModules
 from tests.postgres import Postgres
+from ua_fleet.printing import config_option
 
 try:
     import hypothesis
@@ -146,6 +148,13 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         for name, text in report.sections:
             if name.startswith(CHILDREN):
                 terminalreporter.write_line(text)
+
+
+@pytest.fixture(autouse=True)
+def _commands_of_no_file() -> Iterator[None]:
+    """A command that a test runs in this process sets which file commands that are printed are about."""
+    yield
+    config_option(Path(), Path())
 
 
 @pytest.fixture(autouse=True)

@@ -84,10 +84,9 @@ def record(
         with RecordingWriter(file, header, round(size * MEBIBYTE)) as writer:
             recorder = Recorder(writer, transports, key_of)
             try:
-                async with asyncio.timeout(timeout):
-                    await recorder.record(lambda: message(f"recording {', '.join(urls)} in {file}; Ctrl-C ends it"))
-            except TimeoutError:
-                pass
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(timeout):
+                        await recorder.record(lambda: message(f"recording {', '.join(urls)} in {file}; Ctrl-C ends it"))
             finally:
                 kernel_drops = sum(transport.stats.kernel_drops for transport in transports)
                 figures = {

@@ -24,7 +24,6 @@ from ua_fleet.document import KeyPath, key_text
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.fleet.model import FLEET_NAMESPACE
 from ua_fleet.names import closest, listed
-from ua_fleet.pubsub.security.replay import MOST_WINDOWS
 from ua_fleet.topics import SERVER_SPACE, check_space
 from ua_fleet.wire.messages import PublisherIdType
 from ua_fleet.wire.metadata import MOST_DESCRIBED
@@ -42,8 +41,6 @@ __all__ = [
 MOST_FIELDS: Final = MOST_DESCRIBED - 10
 """Of a data source: with its properties (type, definition and age of its messages) it has no more parts than are
 read."""
-MOST_REQUESTORS: Final = MOST_WINDOWS - 1
-"""Spaces whose commands are told from replayed ones, beside the bridge's own, which answers under the same key."""
 _BITS: Final = re.compile(r"(U?)(?:Int)(\d+)")
 _SHORTEST_LIFETIME_S: Final = 2.0
 _MAX_FLOAT: Final = 3.4028234663852886e38
@@ -276,11 +273,6 @@ def _check_listed_spaces(parts: Parts) -> None:
     named: list[tuple[KeyPath, tuple[int, ...]]] = [
         (("bridges", name, "requestors"), bridge.requestors) for name, bridge in parts.bridges.items()
     ]
-    if any(pubsub.is_secured for _, pubsub in parts.connections):
-        for path, spaces in named:
-            if len(spaces) > MOST_REQUESTORS:
-                text = f"{len(spaces)} spaces may command it; commands of {MOST_REQUESTORS} are told from replayed ones"
-                parts.document.problem(path, text, "name fewer, or distribute its robots over several bridges")
     named += [((*path, "relaxed_replay"), pubsub.relaxed_replay) for path, pubsub in parts.connections]
     for path, spaces in named:
         for position, space in enumerate(spaces):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from ua_fleet.config.connections import OF_ALL
 from ua_fleet.config.parts import Parts
 from ua_fleet.config.pubsub_schema import PubSubConfig
@@ -10,8 +12,12 @@ from ua_fleet.config.relay_schema import RelayConfig
 from ua_fleet.config.schema import ServerConfig
 from ua_fleet.document import Document, KeyPath, as_mapping
 from ua_fleet.names import closest, listed
+from ua_fleet.pubsub.security.replay import MOST_WINDOWS
 
 __all__ = ["check_connections", "check_list"]
+
+MOST_REQUESTORS: Final = MOST_WINDOWS - 1
+"""Spaces whose commands are told from replayed ones, beside the bridge's own, which answers under the same key."""
 
 
 def check_list(document: Document, items: list[object], connections: list[PubSubConfig | None]) -> None:
@@ -60,6 +66,7 @@ def _place(connection: PubSubConfig) -> object:
 
 def check_connections(parts: Parts, server: ServerConfig, relays: dict[str, RelayConfig]) -> None:
     """Note the problems of who is on which connection, of those `relays` that are valid by themselves."""
+    _check_number_of_requestors(parts)
     names = [connection.name for _, connection in parts.connections]
     known = [name for name in names if name is not None]
     is_list = isinstance(parts.document.data.get("pubsub"), list)
@@ -87,6 +94,16 @@ def check_connections(parts: Parts, server: ServerConfig, relays: dict[str, Rela
                     f"the bridge of space {space} is on no connection of this one, so that it cannot command it",
                     "name a connection that both are on",
                 )
+
+
+def _check_number_of_requestors(parts: Parts) -> None:
+    if not any(pubsub.is_secured for _, pubsub in parts.connections):
+        return  # nothing tells a replayed message there
+    for name, bridge in parts.bridges.items():
+        if (number := len(bridge.requestors)) > MOST_REQUESTORS:
+            text = f"{number} spaces may command it; commands of {MOST_REQUESTORS} are told from replayed ones"
+            remedy = "name fewer, or distribute its robots over several bridges"
+            parts.document.problem(("bridges", name, "requestors"), text, remedy)
 
 
 def _check_commands(parts: Parts, bridge_name: str) -> None:

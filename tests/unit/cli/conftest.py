@@ -40,7 +40,6 @@ Invoke = Callable[..., Ended]
 def invoke(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Invoke:
     """Runs a command in this process, in a folder of its own and with none of the caller's variables."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("ua_fleet.printing._OPTION", [""])
     for variable in ("CONFIG", "ENDPOINT", "USER", "PASSWORD", "LOG", "PUBSUB_KEY", "CONTEXT"):
         monkeypatch.delenv(f"UA_FLEET_{variable}", raising=False)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "xdg"))

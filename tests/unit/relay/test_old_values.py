@@ -89,4 +89,4 @@ def test_a_value_that_waited_for_a_broker_is_not_said_of_a_source_that_may_be_go
     broker.core.poll(between.now)
     broker.core.connected(between.now)
     assert values(broker.passed_on()) == comes
-    assert broker.core.drops.get(Drop.EXPIRED, 0) == (not comes)
+    assert broker.core.take_drops().get(Drop.EXPIRED, 0) == (not comes)

@@ -177,26 +177,14 @@ class MqttCore:
     def take(self, now: float) -> Iterator[Outgoing]:
         """What is to be sent now; to be used up at once."""
         for parcel in self._outbox.take(now):
-            if self._is_too_old(parcel, now):
-                self._outbox.acknowledged(parcel)
-                self._drop(Drop.EXPIRED)
+            is_late = self._party.names_of_origin is not None and now - parcel.arrived > self._keep_alive_expiry_s
+            if is_late and self._outbox.expired(parcel):  # a relay does not know whether its source is there
                 continue
             payload = parcel.payload
-            if payload is None:
-                payload = self._sealed(parcel.plain, now)
-                if payload is None:
-                    self._outbox.not_secured(parcel)
-                    continue
+            if payload is None and (payload := self._sealed(parcel.plain, now)) is None:
+                self._outbox.not_secured(parcel)
+                continue
             yield self._outgoing(parcel, payload, now)
-
-    def _is_too_old(self, parcel: Parcel, now: float) -> bool:
-        """Whether a relay, which does not know whether its source is there, cannot say that a value is still so.
-
-        A source that is there says it again.
-        """
-        if self._party.names_of_origin is None or parcel.subject.lane is not Lane.VALUE or parcel.subject.is_event:
-            return False
-        return now - parcel.arrived > self._keep_alive_expiry_s
 
     def acknowledged(self, parcel: Parcel, *, is_refused: bool = False) -> None:
         """What was sent has arrived at the broker, or was refused there."""

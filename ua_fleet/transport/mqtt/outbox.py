@@ -152,6 +152,14 @@ class Outbox:
         """What is kept could not be secured: it waits for a key (`renewed`)."""
         self.acknowledged(parcel)
 
+    def expired(self, parcel: Parcel) -> bool:
+        """Drop a parcel if it is a value that nobody can answer for, which an event is not; says whether it was."""
+        if parcel.subject.lane is not Lane.VALUE or parcel.subject.is_event:
+            return False
+        self.acknowledged(parcel)
+        self._drop(Drop.EXPIRED)
+        return True
+
     def connected(self, now: float, receive_maximum: int = 65_535) -> None:
         """There is a connection: everything that is kept goes again, with a status that says so.
 

@@ -95,6 +95,11 @@ class _SegmentService(ScenarioService):
         except FragmentInvalid as error:
             return Checked(Scenario("", Sequence("", 0, ())), (ConfigError(str(error)),))
 
+    @property
+    def owes_halts(self) -> bool:
+        """Whether robots were told to stop that have not said that they have."""
+        return self._orchestrator.owes_halts
+
     def has(self, run_id: str) -> bool:
         """Whether a segment is under way."""
         return run_id in self._orchestrator.runs
@@ -253,6 +258,11 @@ class SegmentEngine:
     def ended(self) -> list[SegmentEnd]:
         """The segments that had ended when the journal was read."""
         return [_end_of(record) for record in self._segments.values() if record.state.outcome is not None]
+
+    @property
+    def owes_halts(self) -> bool:
+        """Whether a robot was told to stop and has not said that it has: it is told again, and listened to."""
+        return self._service.owes_halts
 
     @property
     def problem(self) -> str:

@@ -109,6 +109,8 @@ class _Carrier:
         """Facts of each run that were written since the start."""
         self._lost = 0
         """Runs that were forgotten since the start, and that the server had not fetched."""
+        self._owed_before = False
+        """Whether the process before had told robots to stop that have not said that they have."""
         self._outbox = Outbox(self._space, ns, spaces, ground, self._log)
         self._watch = RunWatch(self._space, ns, name, ground)
         self._actions = ImmediateActions(
@@ -175,6 +177,7 @@ class _Carrier:
             segments = records.segments_of(run_id) if held.closed is None or held.active else ()
             self._watch.restored(run_id, (fact for one in segments for fact in records.runs.facts(one)), last)
         effects = self._holder.again(self._wall_s())
+        self._owed_before = bool(records.runs.halts())
         for run_id, held in self._holder.runs.items():
             asks_all = run_id in self._holder.in_doubt
             self._want_others(held.part.spaces if asks_all else held.part.tells())
@@ -182,7 +185,7 @@ class _Carrier:
             waiting = ", ".join(sorted(self._holder.in_doubt))
             self._log.warning("this bridge was away, and asks whether its tokens were adopted", runs=waiting)
             self._ground.loop.call_soon(self._send_out)
-        elif self._is_busy:
+        elif self._is_busy or self._owed_before:
             self._open_engine(effects, now)
 
     def _leave_out(self, records: CarriedRecords) -> None:
@@ -274,7 +277,9 @@ class _Carrier:
 
     @property
     def _is_busy(self) -> bool:
-        return any(held.closed is None or held.active for held in self._holder.runs.values())
+        """Whether the engine has something to do: a run, or a robot that has not said that it has stopped."""
+        is_under_way = any(held.closed is None or held.active for held in self._holder.runs.values())
+        return is_under_way or (self._engine is not None and self._engine.owes_halts)
 
     def _asked(self, _writer_id: int, values: list[Any], now: float) -> bytes:
         """Do what a word says; raises UaFleetError where it is refused."""
@@ -538,6 +543,8 @@ class _Carrier:
 
     def poll(self, now: float) -> None:
         """Do what is due."""
+        if self._owed_before and self._engine is None and not self._holder.in_doubt:
+            self._make_ready()
         self._actions.poll(now)
         self._outbox.poll(now)
         if self._engine is not None and self._is_busy:

@@ -115,6 +115,11 @@ class Orchestrator:
         return self._known.settings
 
     @property
+    def owes_halts(self) -> bool:
+        """Whether robots were told to stop that have not said that they have."""
+        return bool(self._halts.all())
+
+    @property
     def faults(self) -> Faults:
         """The faults of all robots."""
         return self._known.faults

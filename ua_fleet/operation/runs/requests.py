@@ -193,7 +193,7 @@ class TaskRequests:
         """
         status = self._know(task.execution_id, task.robot, task.skill)
         if status is None:
-            self._ended(task.execution_id, TaskOutcome.REFUSED, f"{task.robot} has no skill {task.skill}", {})
+            self._end_without_skill(task)
             return
         execution_id = bytes.fromhex(task.execution_id)
         try:
@@ -209,6 +209,20 @@ class TaskRequests:
             if outcome is not None:
                 self.concluded(execution_id, outcome)
         self._take_shown(status, task.execution_id)
+
+    def _end_without_skill(self, task: TaskStarted) -> None:
+        """Nobody can be asked for it now; who was asked before the skill left the fleet may be at it still."""
+        reason = f"{task.robot} has no skill {task.skill}"
+        try:
+            outcome = self._requests.known_outcome(bytes.fromhex(task.execution_id))
+        except KeyError:
+            outcome = None
+        else:
+            if outcome is None or outcome.kind is not OutcomeKind.REFUSED:
+                text = f"{reason} in fleet.yaml any more, and was asked for it before: nobody hears what became of it"
+                self._ended(task.execution_id, TaskOutcome.UNKNOWN, text, {})
+                return
+        self._ended(task.execution_id, TaskOutcome.REFUSED, reason, {})
 
     def prepare(self, tasks: Iterable[TaskStarted]) -> list[Recorded]:
         """The records of requests for tasks whose robots can be asked at once.

@@ -56,7 +56,7 @@ from ua_fleet.scenario.model import Sequence
 from ua_fleet.scenario.stand_ins import StandIns, take_stand_in, told_stand_ins
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.storage.carried_records import CarriedRecords
-from ua_fleet.topics import SERVER_SPACE, LoopVerdict, Side
+from ua_fleet.topics import SERVER_SPACE, LoopVerdict, Side, Topic
 from ua_fleet.values import TICKS_PER_SECOND, UNIX_EPOCH_TICKS
 from ua_fleet.wire import Codec
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
@@ -227,6 +227,8 @@ class SegmentEngine:
         """Go on where the journal ends, and take in what is known."""
         for record in self._service.restore():
             self._segments[record.run_id] = record
+        off = self._service.fault_reports.are_off()
+        self._off |= {space for space in self._spaces() if off.intersection(self._robots_of(space))}
         for fact, run_id in self._facts_of_stand_ins():
             take_stand_in(self._stand_ins.setdefault(run_id, {}), fact)
         withdrawn = self._service.must_not_begin()
@@ -301,7 +303,10 @@ class SegmentEngine:
         """A person says that a bridge is off: its robots have a fault until something is heard of them."""
         self._off.add(space)
         for robot in self._robots_of(space):
-            self._service.fault_reports.raise_fault(robot, f"its bridge is off, as {by} has said")
+            self._service.fault_reports.bridge_is_off(robot, f"its bridge is off, as {by} has said")
+
+    def _spaces(self) -> set[int]:
+        return {one.skill_status.space for one in self._service.robots.values() if one.skill_status is not None}
 
     def _robots_of(self, space: int) -> list[str]:
         robots = self._service.robots.values()
@@ -399,15 +404,20 @@ class SegmentEngine:
 
     def _follow(self, event: SubscriberEvent) -> None:
         if isinstance(event, DataReceived):
-            if event.topic.space in self._off:
+            if event.topic.space in self._off and self._is_heard(event.topic):
                 self._off.discard(event.topic.space)
                 for robot in self._robots_of(event.topic.space):
-                    self._service.fault_reports.clear_fault(robot)
+                    self._service.fault_reports.bridge_is_back(robot)
             self._service.heard(event)
         elif isinstance(event, SourceReturned):
             self._service.source_returned(event.topic)
         elif isinstance(event, _LOST):
             self._service.source_lost(event.topic)
+
+    def _is_heard(self, topic: Topic) -> bool:
+        """Whether data is of now: `catch_up` takes in what was heard last, also of a bridge that is off."""
+        writer = self._ground.subscriber.writers.get(topic)
+        return writer is None or not (writer.silent or writer.stale)
 
     # What goes out.
 

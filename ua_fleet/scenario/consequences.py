@@ -34,6 +34,7 @@ from ua_fleet.scenario.state import TaskPhase, TaskRun
 __all__ = [
     "ALARM",
     "ANNOUNCED",
+    "BRIDGE_OFF",
     "HALT_S",
     "LEAST_SILENCE_S",
     "NOT_HALTED",
@@ -53,8 +54,10 @@ RAISED: Final = "robot"
 SILENT: Final = "silent"
 SKILL: Final = "skill"
 NOT_HALTED: Final = "not_halted"
+BRIDGE_OFF: Final = "bridge.off"
 """Sources of faults; the others have the names of conditions. Nobody can see whether the cause of `skill` is gone:
-acknowledging it clears it. `not_halted` ends when the robot says what became of it, or a person calls ClearFault."""
+acknowledging it clears it. `not_halted` ends when the robot says what became of it, or a person calls ClearFault;
+`bridge.off`, which a person has said and no condition can be named, when anything is heard of the bridge."""
 
 ALARM: Final = "alarm."
 """Before the name of a value: the source of a fault that is an alarm of that value."""

@@ -10,6 +10,7 @@ from ua_fleet.operation.runs.holding import Do
 from ua_fleet.operation.runs.library import MOST_NAME, ScenarioUnknown
 from ua_fleet.operation.runs.robot_news import RobotNews
 from ua_fleet.orchestrator import Orchestrator, Output
+from ua_fleet.scenario.consequences import BRIDGE_OFF, RAISED
 
 __all__ = ["FaultReports"]
 
@@ -44,6 +45,20 @@ class FaultReports:
         capacities, rest = self._news.fleet.named_first(self._robot(robot).name, reason)
         outputs = self._orchestrator.fault_raised(robot, "robot", rest or reason, self._wall_s(), capacities)
         self._do(outputs, must_be_written=True)
+
+    def bridge_is_off(self, robot: str, reason: str) -> None:
+        """A person has said that nobody can reach it: a fault of its own, so that its end ends no other one."""
+        self._do(self._orchestrator.fault_raised(robot, BRIDGE_OFF, reason, self._wall_s()), must_be_written=True)
+
+    def bridge_is_back(self, robot: str) -> None:
+        """It is heard again; where that cannot be written down now, it is later."""
+        for source in (BRIDGE_OFF, RAISED):  # RAISED: versions before had this as one, and bridges have no other of it
+            self._do(self._orchestrator.fault_cleared(robot, source, self._wall_s()))
+
+    def are_off(self) -> set[str]:
+        """Robots whose bridges a person has said to be off, and that were not heard since."""
+        faults = self._orchestrator.faults
+        return {fault.robot for fault in faults if fault.active and fault.source in (BRIDGE_OFF, RAISED)}
 
     def can_do_nothing(self, robot: str) -> bool:
         """Whether its faults take all capacities of a robot away; one that names none takes all."""

@@ -1,0 +1,86 @@
+"""The fault of robots whose bridge a person has said to be off: it ends when that is heard, and ends no other one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from tests.unit.carrier.test_halts import CFG, Asked, accept, adopt, begin, faults, records, service_of, take
+from tests.unit.carrier.test_stand_ins import Cell, hear_all
+from ua_fleet.storage.carried_records import CarriedRecords
+
+__all__ = ["records"]
+
+OFF = ["b.bridge.off", "c.bridge.off"]
+
+
+@pytest.fixture
+def world(monkeypatch: pytest.MonkeyPatch) -> Asked:
+    return Asked(monkeypatch)
+
+
+@pytest.fixture
+def cell(tmp_path: Path, records: CarriedRecords, world: Asked) -> Cell:
+    """It goes on in the place of the bridge of b and c."""
+    cell = Cell("cell", tmp_path, records, CFG)
+    take(cell)
+    hear_all(cell)
+    adopt(cell)
+    assert sorted(faults(cell)) == OFF
+    return cell
+
+
+def end(cell: Cell) -> None:
+    side = cast("Any", cell.side)
+    side._do(side._holder.take_end("run", "aborted", "enough", 0, cell.now))
+    cell.go_on(0.1)
+
+
+def restarted(cell: Cell, tmp_path: Path, records: CarriedRecords) -> Cell:
+    again = Cell("cell", tmp_path, records, CFG)
+    again.now = cell.now + 1
+    again.go_on(0.1)
+    return again
+
+
+def test_it_ends_when_the_bridge_is_heard(cell: Cell) -> None:
+    hear_all(cell)
+    assert faults(cell) == []
+
+
+def test_it_ends_when_the_bridge_is_heard_after_a_restart(cell: Cell, tmp_path: Path, records: CarriedRecords) -> None:
+    end(cell)
+    again = restarted(cell, tmp_path, records)
+    take(again, "next")
+    assert sorted(faults(again)) == OFF
+    hear_all(again)
+    assert faults(again) == []
+
+
+def test_what_was_heard_before_does_not_end_it(cell: Cell) -> None:
+    end(cell)
+    for _ in range(30):
+        cell.go_on(1.0)
+        cell.subscriber.poll(cell.now)
+    take(cell, "next")
+    assert sorted(faults(cell)) == OFF
+
+
+def test_its_end_ends_no_halt(cell: Cell, world: Asked) -> None:
+    hear_all(cell)
+    begin(cell, 1)
+    ((robot, key),) = world.asked
+    assert robot == "b"
+    accept(cell, key)
+    end(cell)
+    for _ in range(12):
+        hear_all(cell)
+        cell.go_on(2.0)
+    assert faults(cell) == ["b.not_halted"]
+    cast("Any", cell.side)._engine.lose_bridge(301, "anna")
+    assert sorted(faults(cell)) == ["b.bridge.off", "b.not_halted", "c.bridge.off"]
+    hear_all(cell)
+    assert faults(cell) == ["b.not_halted"]
+    assert service_of(cell)._orchestrator.owes_halts

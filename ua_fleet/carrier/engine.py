@@ -34,7 +34,7 @@ from ua_fleet.operation.runs.library import Checked
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.skills.commands import SkillCommands
-from ua_fleet.orchestrator import DecisionChanged, Output, RunChanged
+from ua_fleet.orchestrator import DecisionChanged, Fault, FaultChange, FaultChanged, Output, RunChanged
 from ua_fleet.pubsub.events import (
     ActionReceived,
     AnnouncementReceived,
@@ -51,6 +51,7 @@ from ua_fleet.pubsub.events import (
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.resilience import Confirmation
 from ua_fleet.scenario import Scenario, Value
+from ua_fleet.scenario.consequences import NOT_HALTED, SKILL
 from ua_fleet.scenario.facts import Fact, Replaced, RobotReturned, RunCreated, RunEnded, RunOutcome, StandInTold
 from ua_fleet.scenario.model import Sequence
 from ua_fleet.scenario.stand_ins import StandIns, take_stand_in, told_stand_ins
@@ -463,6 +464,8 @@ class SegmentEngine:
     def _show(self, output: Output) -> None:
         if isinstance(output, DecisionChanged):
             self._decided(output)
+        if isinstance(output, FaultChanged) and output.change is FaultChange.RAISED:
+            self._say_fault(output.fault)
         if not isinstance(output, RunChanged):
             return
         record = self._segments.get(output.run_id)
@@ -473,6 +476,21 @@ class SegmentEngine:
         self._take_stand_in(output.run_id, output.fact)
         if isinstance(output.fact, RunEnded):
             self._tell_end(record)
+
+    def _say_fault(self, fault: Fault) -> None:
+        """The server has no such fault: people read of it here."""
+        if fault.source == NOT_HALTED:
+            self._log.warning("a robot of a carried run is not known to stand", robot=fault.robot, reason=fault.reason)
+        elif fault.source == SKILL:
+            self._log.warning(
+                "a robot gets no such task before all carried runs here are over",
+                robot=fault.robot,
+                reason=fault.reason,
+            )
+
+    def forget_failures(self) -> None:
+        """No run is open: the next one may try again what robots have failed at. Nobody else can end these faults."""
+        self._service.fault_reports.forget_failures()
 
     def _take_stand_in(self, segment: str, fact: Fact) -> None:
         """One segment has chosen who stands in for a robot: the others of the run go by it, and rank nobody anew."""

@@ -278,8 +278,11 @@ class _Carrier:
     @property
     def _is_busy(self) -> bool:
         """Whether the engine has something to do: a run, or a robot that has not said that it has stopped."""
-        is_under_way = any(held.closed is None or held.active for held in self._holder.runs.values())
-        return is_under_way or (self._engine is not None and self._engine.owes_halts)
+        return self._has_open_runs or (self._engine is not None and self._engine.owes_halts)
+
+    @property
+    def _has_open_runs(self) -> bool:
+        return any(held.closed is None or held.active for held in self._holder.runs.values())
 
     def _asked(self, _writer_id: int, values: list[Any], now: float) -> bytes:
         """Do what a word says; raises UaFleetError where it is refused."""
@@ -512,6 +515,8 @@ class _Carrier:
 
     def _forget(self) -> None:
         """Forget runs that nobody asks for any more; where the disk fails, with the next one."""
+        if self._engine is not None and not self._has_open_runs:
+            self._engine.forget_failures()
         gone = self._holder.forgettable()
         if not gone:
             return

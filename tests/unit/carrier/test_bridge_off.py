@@ -9,6 +9,7 @@ import pytest
 
 from tests.unit.carrier.test_halts import CFG, Asked, accept, adopt, begin, faults, records, service_of, take
 from tests.unit.carrier.test_stand_ins import Cell, hear_all
+from ua_fleet.scenario.facts import TaskOutcome
 from ua_fleet.storage.carried_records import CarriedRecords
 
 __all__ = ["records"]
@@ -32,9 +33,9 @@ def cell(tmp_path: Path, records: CarriedRecords, world: Asked) -> Cell:
     return cell
 
 
-def end(cell: Cell) -> None:
+def end(cell: Cell, run: str = "run") -> None:
     side = cast("Any", cell.side)
-    side._do(side._holder.take_end("run", "aborted", "enough", 0, cell.now))
+    side._do(side._holder.take_end(run, "aborted", "enough", 0, cell.now))
     cell.go_on(0.1)
 
 
@@ -84,3 +85,36 @@ def test_its_end_ends_no_halt(cell: Cell, world: Asked) -> None:
     hear_all(cell)
     assert faults(cell) == ["b.not_halted"]
     assert service_of(cell)._orchestrator.owes_halts
+
+
+def has_failed(cell: Cell, key: str) -> None:
+    accept(cell, key)
+    service = service_of(cell)
+    service._do(service._orchestrator.ended(key, TaskOutcome.FAILED, service._wall_s(), message="the gripper slipped"))
+    cell.go_on(0.1)
+
+
+def test_what_a_robot_has_failed_at_it_may_try_again_in_the_next_run(
+    tmp_path: Path, records: CarriedRecords, world: Asked
+) -> None:
+    cell = Cell("cell", tmp_path, records, CFG)
+    take(cell)
+    hear_all(cell)
+    begin(cell, 0)
+    has_failed(cell, world.asked[0][1])
+    service = service_of(cell)
+    accept(cell, world.asked[1][1])
+    service._do(service._orchestrator.ended(world.asked[1][1], TaskOutcome.DONE, service._wall_s()))
+    cell.go_on(0.1)
+    assert faults(cell) == ["a.skill"]
+    take(cell, "other")
+    end(cell)
+    assert faults(cell) == ["a.skill"], "another run is open"
+    end(cell, "other")
+    assert faults(cell) == []
+    again = restarted(cell, tmp_path, records)
+    take(again, "next")
+    hear_all(again)
+    world.asked.clear()
+    begin(again, 0, "next")
+    assert [robot for robot, _ in world.asked] == ["a"]

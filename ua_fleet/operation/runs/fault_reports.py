@@ -10,7 +10,7 @@ from ua_fleet.operation.runs.holding import Do
 from ua_fleet.operation.runs.library import MOST_NAME, ScenarioUnknown
 from ua_fleet.operation.runs.robot_news import RobotNews
 from ua_fleet.orchestrator import Orchestrator, Output
-from ua_fleet.scenario.consequences import BRIDGE_OFF, RAISED
+from ua_fleet.scenario.consequences import BRIDGE_OFF, RAISED, SKILL
 
 __all__ = ["FaultReports"]
 
@@ -54,6 +54,11 @@ class FaultReports:
         """It is heard again; where that cannot be written down now, it is later."""
         for source in (BRIDGE_OFF, RAISED):  # RAISED: versions before had this as one, and bridges have no other of it
             self._do(self._orchestrator.fault_cleared(robot, source, self._wall_s()))
+
+    def forget_failures(self) -> None:
+        """Robots may be asked again for what they have failed at; written down later where it cannot be now."""
+        for fault in [one for one in self._orchestrator.faults if one.active and one.source == SKILL]:
+            self._do(self._orchestrator.fault_cleared(fault.robot, SKILL, self._wall_s()))
 
     def are_off(self) -> set[str]:
         """Robots whose bridges a person has said to be off, and that were not heard since."""

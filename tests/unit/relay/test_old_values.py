@@ -56,7 +56,7 @@ class Broker:
             is_secured=False,
             names_of=lambda _: None,
             names_of_origin=between.relay.names_of,
-            receive_kept=lambda *_: None,
+            receive_kept=lambda _kept, _topic: None,
         )
         self.core = MqttCore(party, TopicTree(), Outbox())
 

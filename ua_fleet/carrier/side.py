@@ -41,6 +41,7 @@ from ua_fleet.pubsub.carry_action import CARRY, CARRY_ID, CARRY_REQUEST, CARRY_R
 from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, SubscriberEvent
 from ua_fleet.scenario.facts import Fact, RunClosing, RunEnded, RunOutcome, decode_fact
 from ua_fleet.skill.executions import RequestorName, pack
+from ua_fleet.storage.boot import BootNote
 from ua_fleet.storage.carried_records import CARRIED_FILE, CarriedRecords
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import TICKS_PER_SECOND, UNIX_EPOCH_TICKS, BuiltinType, StatusCode
@@ -99,6 +100,7 @@ class _Carrier:
         self._topic = carry_topic(self._space, ns)
         self._log: Any = structlog.get_logger("ua_fleet.carrier", bridge=name)
         self._records: CarriedRecords | None = None
+        self._boot = BootNote(state_dir)
         self._holder = Holder(self._space, self._note)
         self._engine: SegmentEngine | None = None
         self._pages = FactPages(self._open)
@@ -161,7 +163,10 @@ class _Carrier:
     def _open(self) -> CarriedRecords:
         """The file, made where it is not there yet; raises StorageUnavailable."""
         if self._records is None:
+            is_new = not (self._state_dir / CARRIED_FILE).exists()
             self._records = self._make_records()
+            if is_new:
+                self._boot.write()
             self._ground.actions.record_own_in(self._records.executions, self._ground.loop.time())
         return self._records
 
@@ -176,7 +181,8 @@ class _Carrier:
             # Of one that is over nothing more is told than the number of its facts.
             segments = records.segments_of(run_id) if held.closed is None or held.active else ()
             self._watch.restored(run_id, (fact for one in segments for fact in records.runs.facts(one)), last)
-        effects = self._holder.again(self._wall_s())
+        effects = self._holder.again(self._wall_s(), is_other_boot=self._boot.is_other())
+        self._boot.write()
         self._owed_before = bool(records.runs.halts())
         for run_id, held in self._holder.runs.items():
             asks_all = run_id in self._holder.in_doubt

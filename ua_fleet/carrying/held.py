@@ -33,6 +33,8 @@ LOST: Final = "lost"
 """The outcome of a run of which nothing has come for its lease."""
 ADOPTED: Final = "adopted"
 """The outcome at a bridge that was away, while another one has gone on in its place: it parks what it has."""
+CLOCK_STEP_S: Final = 1.0
+"""A clock that was set back by more does not tell how long this bridge was away."""
 
 
 @dataclass(slots=True)
@@ -99,13 +101,15 @@ class HeldRun:
         """Whether it is over by itself when nothing more comes of it."""
         return self.closed is None and not self.active and not self.is_paused
 
-    def may_be_adopted(self, now: float) -> bool:
+    def may_be_adopted(self, now: float, *, is_other_boot: bool) -> bool:
         """Whether another bridge may be in its place by now, since this one was away for so long.
 
-        Also where it has no token yet: one that was sent to it before may come late.
+        Also where it has no token yet: one that was sent to it before may come late. A clock that was set back, or that
+        began anew with the computer, does not tell how long it was.
         """
         waits_s = self.part.adopt_after_s
-        is_long = self.is_doubted or 0 < waits_s <= now - self.heard
+        is_unknown = is_other_boot or now < self.heard - CLOCK_STEP_S
+        is_long = self.is_doubted or (waits_s > 0 and (is_unknown or now - self.heard >= waits_s))
         return self.closed is None and len(self.part.spaces) > 1 and is_long
 
     def untold(self, space: int) -> list[int]:

@@ -325,12 +325,17 @@ class Holder:
         self._note(over)
         return self._after(held, place, now) if held.closed is None else []
 
-    def again(self, now: float) -> list[Carry]:
+    def again(self, now: float, *, is_other_boot: bool = False) -> list[Carry]:
         """After a restart: what is to be begun, also of what the engine may have already.
 
         Nothing is while a token may have been adopted: `in_doubt` has the run then, and others are asked.
+
+        Args:
+            now: by the wall clock.
+            is_other_boot: whether the computer was started anew, so that its clock may not tell how long it was off.
         """
-        self.in_doubt = {run_id for run_id, held in self.runs.items() if held.may_be_adopted(now)}
+        doubted = [run for run, held in self.runs.items() if held.may_be_adopted(now, is_other_boot=is_other_boot)]
+        self.in_doubt = set(doubted)
         for run_id in sorted(self.in_doubt):
             if not self.runs[run_id].is_doubted:  # what comes meanwhile does not say that it was not adopted
                 self._note(RunDoubted(now, run_id, True))

@@ -354,3 +354,28 @@ def test_a_bridge_that_was_left_out_itself_does_not_say_that_another_one_was_not
     bridge.holder.refused(sent)
     bridge.holder.take_adoption(adoption(301, 300), 20.0)
     assert list(bridge.holder.to_send()) == [], "it asks until it knows, and no longer"
+
+
+@pytest.mark.parametrize(
+    ("now", "is_other_boot", "asks"),
+    [(1001.0, False, False), (1001.0, True, True), (30.0, False, True), (999.5, False, False), (8200.0, False, True)],
+    ids=["away for a second", "clock of the shutdown", "clock of 1970", "clock set back by little", "away for long"],
+)
+def test_a_clock_that_began_anew_does_not_tell_how_long_a_bridge_was_away(
+    now: float, *, is_other_boot: bool, asks: bool
+) -> None:
+    bridge = Bridge(301)
+    bridge.holder.take_token(token(1), 300, 1000.0)
+    again = bridge.again()
+    begun = again.again(now, is_other_boot=is_other_boot)
+    assert [type(one) for one in begun] == ([] if asks else [Begin])
+    assert bool(again.in_doubt) == asks
+
+
+def test_a_run_that_nobody_may_adopt_is_in_no_doubt_after_another_boot() -> None:
+    facts = list[CarryFact]()
+    holder = Holder(301, facts.append)
+    holder.take_part(encode_part(replace(parts()[301], adopt_after_s=0.0)), 0.0)
+    again = Holder(301, facts.append, facts)
+    again.again(1.0, is_other_boot=True)
+    assert not again.in_doubt

@@ -146,6 +146,7 @@ class SegmentEngine:
         happened: Callable[[str, Fact], None],
         decided: Callable[[DecisionChanged], None],
         ended: Callable[[SegmentEnd], None],
+        returned: Callable[[int], None],
     ) -> None:
         """Make an engine, which goes on where the journal ends.
 
@@ -157,9 +158,10 @@ class SegmentEngine:
             happened: told of each fact of a segment once it is written down.
             decided: told of decisions about who takes a task over, while they are open and when they are over.
             ended: told of the end of a segment, at the end of a turn of the loop.
+            returned: told of the space of a bridge that is heard, and that a person has said to be off.
         """
         self._space, self._ground, self._records = space, ground, records
-        self._happened, self._decided, self._ended = happened, decided, ended
+        self._happened, self._decided, self._ended, self._returned = happened, decided, ended, returned
         self._log: Any = structlog.get_logger("ua_fleet.carrier")
         config = fleet_around(config, space)
         timing, model = config.pubsub.timing(), fleet_model(config)
@@ -407,6 +409,7 @@ class SegmentEngine:
         if isinstance(event, DataReceived):
             if event.topic.space in self._off and self._is_heard(event.topic):
                 self._off.discard(event.topic.space)
+                self._returned(event.topic.space)
                 for robot in self._robots_of(event.topic.space):
                     self._service.fault_reports.bridge_is_back(robot)
             self._service.heard(event)

@@ -229,6 +229,7 @@ class _Carrier:
                 happened=self._happened,
                 decided=self._decided,
                 ended=self._segment_ended,
+                returned=self._bridge_returned,
             )
             self._engine.begin(now)
         return self._engine
@@ -465,6 +466,9 @@ class _Carrier:
         while len(known) > MOST_DECISIONS:
             del known[next(iter(known))]
         self._watch.decided(changed.run_id.rpartition(".")[0], changed)
+
+    def _bridge_returned(self, space: int) -> None:
+        self._holder.bridge_returned(space, self._wall_s())
 
     def _segment_ended(self, end: SegmentEnd) -> None:
         run_id, place = segment_of(end.run_id)

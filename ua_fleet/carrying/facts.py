@@ -11,6 +11,7 @@ from typing import Any, Final
 from ua_fleet.scenario.expression import Value
 
 __all__ = [
+    "BridgeReturned",
     "CarryFact",
     "EndTold",
     "HandedOver",
@@ -145,6 +146,15 @@ class RunDoubted:
     is_doubted: bool
 
 
+@dataclass(frozen=True, slots=True)
+class BridgeReturned:
+    """A bridge that was left out of a run is heard again: it is off no more."""
+
+    at: float
+    run_id: str
+    space: int
+
+
 CarryFact = (
     PartTaken
     | TokenTaken
@@ -156,6 +166,7 @@ CarryFact = (
     | PauseTold
     | PartAdopted
     | RunDoubted
+    | BridgeReturned
 )
 
 _KINDS: Final[dict[str, type[Any]]] = {kind.__name__: kind for kind in CarryFact.__args__}

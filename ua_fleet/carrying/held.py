@@ -9,6 +9,7 @@ from typing import Final
 from ua_fleet.carrying.adoption import Adoption, FilledSlot, decode_adoption, filled_slots, proved_over
 from ua_fleet.carrying.effects import Begin, Tell
 from ua_fleet.carrying.facts import (
+    BridgeReturned,
     CarryFact,
     EndTold,
     HandedOver,
@@ -59,6 +60,10 @@ class HeldRun:
     """When the server has asked for it last: it has fetched all, has ended the run itself, or has left this out."""
     adoptions: list[Adoption] = field(default_factory=list[Adoption])
     """Of the segments of bridges that are off."""
+    returned: set[int] = field(default_factory=set[int])
+    """Bridges of those that were heard since."""
+    unwritten_returned: set[int] = field(default_factory=set[int])
+    """The same of which that could not be written down yet."""
     is_doubted: bool = False
     """Whether another bridge may be in the place of this one, which has not heard yet whether it is."""
     passed: dict[int, tuple[int, ...]] = field(default_factory=dict[int, tuple[int, ...]])
@@ -147,6 +152,9 @@ class HeldRun:
                 self.pause = fact
             case RunDoubted():
                 self.is_doubted = fact.is_doubted
+            case BridgeReturned():
+                self.returned.add(fact.space)
+                self.unwritten_returned.discard(fact.space)
             case PartAdopted():
                 self.adopt(decode_adoption(bytes.fromhex(fact.content)), fact.at)
             case PartTaken():
@@ -261,6 +269,11 @@ class HeldRun:
         return encode_token(token, road.needs)
 
     # A bridge that is off.
+
+    def off(self) -> list[tuple[int, str]]:
+        """The bridges that a person has said to be off, with that person, and that were not heard since."""
+        back = self.returned | self.unwritten_returned
+        return [(gone, one.by) for one in self.adoptions for gone in one.gone if gone not in back]
 
     def filled(self) -> tuple[FilledSlot, ...]:
         """What this bridge says of the tokens that it has."""

@@ -28,6 +28,7 @@ from typing import Any, Final
 from ua_fleet.carrying.adoption import decode_adoption
 from ua_fleet.carrying.effects import AskEpoch, Carry, Gone, Pause, Send, SendEnd, SendToken, Stop
 from ua_fleet.carrying.facts import (
+    BridgeReturned,
     CarryFact,
     EndTold,
     HandedOver,
@@ -289,6 +290,14 @@ class Holder:
 
     # What comes from the engine.
 
+    def bridge_returned(self, space: int, now: float) -> None:
+        """A bridge is heard that a person has said to be off: the engine is told so no more, also after a restart."""
+        for held in list(self.runs.values()):
+            if held.closed is None and space in [gone for gone, _ in held.off()]:
+                held.unwritten_returned.add(space)
+                with suppress(StorageUnavailable):  # `poll` tries it again
+                    self._note(BridgeReturned(now, held.part.run_id, space))
+
     def segment_ended(
         self,
         run_id: str,
@@ -371,7 +380,9 @@ class Holder:
         if held.closed is not None:
             reason = held.closed.reason or held.closed.outcome
             return [Stop(held.part.run_id, held.active, reason)] if held.active else []
-        effects: list[Carry] = [Gone(held.part.run_id, gone, one.by) for one in held.adoptions for gone in one.gone]
+        for space in sorted(held.unwritten_returned):
+            self._note(BridgeReturned(now, held.part.run_id, space))
+        effects: list[Carry] = [Gone(held.part.run_id, space, by) for space, by in held.off()]
         effects += self._paused(held) if held.is_paused else self._resumed(held, now)
         for place in list(held.over):
             if held.closed is None and place in held.over:

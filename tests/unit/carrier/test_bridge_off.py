@@ -9,6 +9,7 @@ import pytest
 
 from tests.unit.carrier.test_halts import CFG, Asked, accept, adopt, begin, faults, records, service_of, take
 from tests.unit.carrier.test_stand_ins import Cell, hear_all
+from ua_fleet.errors import StorageUnavailable
 from ua_fleet.scenario.facts import TaskOutcome
 from ua_fleet.storage.carried_records import CarriedRecords
 
@@ -118,3 +119,48 @@ def test_what_a_robot_has_failed_at_it_may_try_again_in_the_next_run(
     world.asked.clear()
     begin(again, 0, "next")
     assert [robot for robot, _ in world.asked] == ["a"]
+
+
+def refuse_a_write(cell: Cell) -> None:
+    """As where the engine could not write: the holder goes over all runs again."""
+    cast("Any", cell.side)._holder.put_off("the disk is full", cell.now)
+    cell.go_on(1.2)
+
+
+def test_a_bridge_that_is_back_is_not_said_to_be_off_again(cell: Cell, tmp_path: Path, records: CarriedRecords) -> None:
+    refuse_a_write(cell)
+    assert sorted(faults(cell)) == OFF
+    hear_all(cell)
+    refuse_a_write(cell)
+    assert faults(cell) == []
+    again = restarted(cell, tmp_path, records)
+    assert faults(again) == []
+
+
+def test_it_is_said_again_while_the_bridge_is_off(cell: Cell, tmp_path: Path, records: CarriedRecords) -> None:
+    assert sorted(faults(restarted(cell, tmp_path, records))) == OFF
+
+
+def test_a_robot_that_is_at_work_for_a_bridge_that_is_back_goes_on(cell: Cell, world: Asked) -> None:
+    hear_all(cell)
+    begin(cell, 1)
+    ((robot, key),) = world.asked
+    accept(cell, key)
+    hear_all(cell)
+    refuse_a_write(cell)
+    assert (robot, world.halted, world.asked[1:]) == ("b", [], [])
+
+
+def test_that_a_bridge_is_back_is_written_down_later_where_the_disk_was_full(
+    cell: Cell, tmp_path: Path, records: CarriedRecords, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_fact: object) -> None:
+        raise StorageUnavailable("the disk is full")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(records, "note", full)
+        hear_all(cell)
+        cell.go_on(2.2)
+        assert faults(cell) == []
+    cell.go_on(2.2)
+    assert faults(restarted(cell, tmp_path, records)) == []

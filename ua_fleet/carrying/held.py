@@ -283,6 +283,8 @@ class HeldRun:
         """Go by the new part: what the bridge that is off had goes to its heir once more."""
         before, self.part = self.part, adoption.part
         self.adoptions.append(adoption)
+        self.returned.difference_update(adoption.gone)  # it may be off once more
+        self.unwritten_returned.difference_update(adoption.gone)
         self.asks.clear()
         self.doubters.clear()
         lost = {

@@ -105,6 +105,22 @@ def test_the_heir_goes_on_from_its_own_results_and_what_was_heard() -> None:
     assert list(bridge.again().to_send()) == []
 
 
+def test_a_bridge_that_was_heard_again_is_off_once_more_where_somebody_says_so_again() -> None:
+    """It is told after each restart what is off now, and not what was."""
+
+    def off(holder: Holder) -> list[int]:
+        return [one.space for one in holder.again(30.0) if isinstance(one, Gone)]
+
+    bridge = Bridge(300)
+    bridge.holder.take_adoption(adoption(300, 301), 20.0)
+    assert off(bridge.again()) == [301]
+    bridge.holder.bridge_returned(301, 21.0)
+    assert off(bridge.again()) == []
+    made = Adoption(parts(3, heir=300, gone=301)[300], (301,), "anna")
+    bridge.holder.take_adoption(encode_adoption(made, encode_part(made.part)), 22.0)
+    assert off(bridge.again())[-1:] == [301]
+
+
 def test_a_token_that_another_bridge_has_proves_that_its_segment_is_over() -> None:
     bridge = Bridge(301)
     bridge.holder.take_token(token(1), 300, 1.0)

@@ -79,12 +79,14 @@ _REMEDIES: Final = {
     errno.EDQUOT: "make room on that disk",
     errno.EROFS: "name a folder that can be written, or mount that disk for writing",
 }
+_OF_DISKS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+"""What says nothing but of files, where none is named; a socket may be refused for lack of rights, too."""
 _OTHER_REMEDY: Final = "see that it is a file or folder that this user can read and write"
 
 
 def storage_error(error: OSError) -> StorageUnavailable | None:
     """What a file's error says to a person; None where it is of no file, and so a mistake of ours."""
-    if error.filename is None and error.errno not in _REMEDIES:
+    if error.filename is None and error.errno not in _OF_DISKS:
         return None
     what = error.filename if error.filename is not None else "a file"
     remedy = _REMEDIES.get(error.errno or 0, _OTHER_REMEDY)

@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 from structlog.testing import capture_logs
 
-from tests.integration.ur.test_driver import ROBOT, bad, children, good, started
+from tests.integration.ur.test_driver import ROBOT, Started, bad, children, good, started
 from tests.ur_controller import UrController, dashboard
 from tests.waiting import until
-from ua_fleet.bridge import ExecutionEnded
+from ua_fleet.bridge import Execution, ExecutionEnded
 from ua_fleet.errors import RobotBusy
 from ua_fleet.values import StatusCode
 
@@ -51,6 +51,14 @@ async def paused(controller: UrController) -> None:
     await asyncio.sleep(0.3)  # the bridge is shown it as well
 
 
+async def sweeping_alone(controller: UrController, one: Started) -> Execution:
+    """A script moves the arm, and the dashboard server, which alone can stop it, is silent."""
+    execution = one.begin("sweep")
+    await until(lambda: turned(controller) > 0.05, "the sweep")
+    controller.do("silence", on=True, port="dashboard")
+    return execution
+
+
 async def test_a_move_that_a_person_has_paused_is_halted(controller: UrController) -> None:
     """A paused program does not hear that it is to slow down: it is stopped."""
     async with started(controller.host) as one:
@@ -78,9 +86,7 @@ async def test_a_move_whose_time_is_over_while_it_is_paused_goes_on_no_more(
 
 async def test_a_halt_is_told_again_until_the_dashboard_server_takes_it(controller: UrController) -> None:
     async with started(controller.host) as one:
-        execution = one.begin("sweep")
-        await until(lambda: turned(controller) > 0.05, "the sweep")
-        controller.do("silence", on=True, port="dashboard")
+        execution = await sweeping_alone(controller, one)
         with capture_logs() as log:
             one.driver.halt(execution)
             await until(lambda: any("told again" in each["event"] for each in log), "the first try", 10)
@@ -92,12 +98,9 @@ async def test_a_halt_is_told_again_until_the_dashboard_server_takes_it(controll
 async def test_a_script_whose_time_is_over_is_stopped_once_the_controller_listens(
     controller: UrController, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The dashboard server is silent, which alone can stop it."""
     monkeypatch.setitem(ROBOT["skills"]["sweep"], "timeout_s", 1.5)
     async with started(controller.host) as one:
-        execution = one.begin("sweep")
-        await until(lambda: turned(controller) > 0.05, "the sweep")
-        controller.do("silence", on=True, port="dashboard")
+        execution = await sweeping_alone(controller, one)
         bad(await one.end(execution), StatusCode.BAD_TIMEOUT)
         with pytest.raises(RobotBusy, match="has not stopped yet"):
             one.begin("turn", 1.0, 1.0)
@@ -108,9 +111,7 @@ async def test_a_script_whose_time_is_over_is_stopped_once_the_controller_listen
 
 async def test_what_a_safety_stop_pauses_is_stopped_once_the_dashboard_server_is_back(controller: UrController) -> None:
     async with started(controller.host) as one:
-        execution = one.begin("sweep")
-        await until(lambda: turned(controller) > 0.05, "the sweep")
-        controller.do("silence", on=True, port="dashboard")
+        execution = await sweeping_alone(controller, one)
         with capture_logs() as log:
             controller.do("protective_stop", reason="bumped")
             bad(await one.end(execution), StatusCode.BAD_OUT_OF_SERVICE)

@@ -7,29 +7,31 @@ from typing import Any, cast
 
 import pytest
 
-from tests.unit.carrier.test_halts import CFG, Asked, accept, adopt, begin, faults, records, service_of, take
+from tests.unit.carrier.test_halts import (
+    CFG,
+    Asked,
+    accept,
+    adopted,
+    begin,
+    faults,
+    records,
+    service_of,
+    take,
+    world,
+)
 from tests.unit.carrier.test_stand_ins import Cell, hear_all
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.scenario.facts import TaskOutcome
 from ua_fleet.storage.carried_records import CarriedRecords
 
-__all__ = ["records"]
+__all__ = ["records", "world"]
 
 OFF = ["b.bridge.off", "c.bridge.off"]
 
 
 @pytest.fixture
-def world(monkeypatch: pytest.MonkeyPatch) -> Asked:
-    return Asked(monkeypatch)
-
-
-@pytest.fixture
 def cell(tmp_path: Path, records: CarriedRecords, world: Asked) -> Cell:
-    """It goes on in the place of the bridge of b and c."""
-    cell = Cell("cell", tmp_path, records, CFG)
-    take(cell)
-    hear_all(cell)
-    adopt(cell)
+    cell = adopted(tmp_path, records)
     assert sorted(faults(cell)) == OFF
     return cell
 

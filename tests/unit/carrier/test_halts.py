@@ -95,6 +95,15 @@ def told_at(cell: Cell, world: Asked, for_s: float) -> list[int]:
     return told
 
 
+def adopted(tmp_path: Path, records: CarriedRecords) -> Cell:
+    """A bridge that goes on in the place of the one of b and c."""
+    cell = Cell("cell", tmp_path, records, CFG)
+    take(cell)
+    hear_all(cell)
+    adopt(cell)
+    return cell
+
+
 @pytest.fixture
 def records(tmp_path: Path) -> Iterator[CarriedRecords]:
     with CarriedRecords(tmp_path) as opened:
@@ -109,10 +118,7 @@ def world(monkeypatch: pytest.MonkeyPatch) -> Asked:
 @pytest.fixture
 def cell(tmp_path: Path, records: CarriedRecords, world: Asked) -> Cell:
     """A bridge whose run was aborted while b, a robot of another bridge, was at a task of it and does not answer."""
-    cell = Cell("cell", tmp_path, records, CFG)
-    take(cell)
-    hear_all(cell)
-    adopt(cell)
+    cell = adopted(tmp_path, records)
     hear_all(cell)
     begin(cell, 1)
     ((robot, key),) = world.asked

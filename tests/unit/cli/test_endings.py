@@ -214,6 +214,8 @@ def test_an_error_of_a_file_is_one_line(
 
 def test_an_error_of_no_file_is_a_mistake_of_ours() -> None:
     assert storage_error(ConnectionResetError(104, "Connection reset by peer")) is None
+    assert storage_error(PermissionError(13, "Permission denied")) is None, "as a socket has it, too"
+    assert storage_error(OSError(28, "No space left on device")) is not None, "as a write to an open file has it"
 
 
 def test_folders_that_cannot_be_read_have_no_answer(

@@ -47,7 +47,7 @@ async def test_announced_size_is_buffered_stock(plain: Stock) -> None:
         assert not await raw.closed(0.3)
         assert plain.server.bserver is not None
         clients: list[Any] = list(plain.server.bserver.clients)
-        assert max(len(client._buffer) for client in clients) > 1_000_000
+        await until(lambda: max(len(client._buffer) for client in clients) > 1_000_000, "the megabytes")
 
 
 @pytest.mark.parametrize("head", [b"HELF\x08\x00\x00\x00", b"HELF\x00\x00\x00\x00", b"MSGF\x0c\x00\x00\x00"])

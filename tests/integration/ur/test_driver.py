@@ -144,11 +144,10 @@ class Started:
         return samples[-1].values[0] if samples else "(none)"
 
 
-def fleet(host: str) -> FleetConfig:
+def fleet(host: str, answer_timeout_s: float = 1.5) -> FleetConfig:
     mirrors = {"rover.temperature": UrSink(output="input_double_register[20]")}
-    bridge = UrBridgeConfig(
-        kind="ur", space=SPACE, address=host, answer_timeout_s=1.5, retry_s=(0.1, 0.3), mirrors=mirrors
-    )
+    timing: dict[str, Any] = {"answer_timeout_s": answer_timeout_s, "retry_s": (0.1, 0.3)}
+    bridge = UrBridgeConfig(kind="ur", space=SPACE, address=host, mirrors=mirrors, **timing)
     other = UrBridgeConfig(kind="ur", space=TEMPERATURE.space, address="192.0.2.1")
     rover = {"bridge": "other", "data": {"temperature": {"id": TEMPERATURE.id, "type": "Double"}}}
     return FleetConfig.model_validate(
@@ -162,8 +161,8 @@ def fleet(host: str) -> FleetConfig:
 
 
 @asynccontextmanager
-async def started(host: str, *, connects: bool = True) -> AsyncGenerator[Started]:
-    driver = create_driver(fleet(host), "arm")
+async def started(host: str, *, connects: bool = True, answer_timeout_s: float = 1.5) -> AsyncGenerator[Started]:
+    driver = create_driver(fleet(host, answer_timeout_s), "arm")
     assert isinstance(driver, UrDriver)
     one = Started(driver)
     await driver.start(one.recorder)

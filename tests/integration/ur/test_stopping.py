@@ -136,7 +136,7 @@ def late_state() -> Generator[None]:
 
 @pytest.mark.parametrize("name", ["sweep", "turn"])
 async def test_a_motion_that_the_state_does_not_show_yet_is_stopped(controller: UrController, name: str) -> None:
-    async with started(controller.host) as one:
+    async with started(controller.host, answer_timeout_s=4) as one:
         with late_state():
             work = one.begin("sweep") if name == "sweep" else one.begin("turn", 2.5, 0.4)
             await until(lambda: turned(controller) > 0.02, "the motion")
@@ -155,7 +155,7 @@ async def test_a_motion_that_the_state_does_not_show_yet_is_stopped(controller: 
 
 async def test_a_program_that_the_state_does_not_show_yet_keeps_its_place(controller: UrController) -> None:
     """Before it sends a script the bridge asks whether anything runs, as it does before a move."""
-    async with started(controller.host) as one:
+    async with started(controller.host, answer_timeout_s=4) as one:
         with late_state(), socket.create_connection((controller.host, 30002), 5) as connection:
             connection.sendall(b"def theirs():\n  sleep(60)\nend\n")
             await until(lambda: controller.state()["program"] == "theirs", "the program")

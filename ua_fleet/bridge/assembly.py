@@ -106,6 +106,7 @@ class BridgeParts:
         codec = Codec(packed_arrays=given.driver.takes_packed_arrays)
         self.subscriber = self._make_subscriber(codec)
         self.publisher = self._make_publisher(codec)
+        self.publisher.timestamps.told = self._clock_set_back
         self.connections.speak_for(
             bridge.space,
             shell.receive,
@@ -321,6 +322,14 @@ class BridgeParts:
 
     def _switched(self, component: str, is_enabled: bool) -> None:
         self._log.warning("PubSub was switched", component=component, state="enabled" if is_enabled else "disabled")
+
+    def _clock_set_back(self, topic: Topic, back_s: float) -> None:
+        self._log.warning(
+            "the clock of this computer was ahead and was set back: values have earlier times than those before, and "
+            "readers take them some seconds later; let NTP keep the clock",
+            source=topic.name,
+            back_s=round(back_s),
+        )
 
     def _not_now(self, now: float) -> str:
         """Why nothing may be begun now; empty where it may."""

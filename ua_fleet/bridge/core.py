@@ -213,7 +213,10 @@ class BridgeCore:
         self._types: dict[Topic, tuple[int, ...]] = {}
         """Type codes of the fields of each source of the space."""
         self._read: dict[Topic, int] = {}
-        """The last timestamp of each source of the space. It was at the space side, and so were all before."""
+        """The last timestamp of each source of the space. It was at the space side, and so were all before.
+
+        Where the bridge's clock was ahead and was set right, what was read before has later ones.
+        """
         self._published: dict[Topic, deque[int]] = {}
         """The latest timestamps of other spaces' sources that were published into the space."""
         self.freshness = Freshness(max_ages or {})
@@ -286,7 +289,7 @@ class BridgeCore:
             self.counters.drop(event.cause, event.count)
 
     def tell(self, topic: Topic, values: tuple[Any, ...], timestamp: int, status: int = 0, *, now: float) -> None:
-        """Publish a message of an announced source. Its timestamp moves forward, if only by a tick."""
+        """Publish a message of an announced source. Its timestamp moves forward, or back if that was far ahead."""
         try:
             for datagram in self._encoded(topic, values, timestamp, status, now):
                 self._send(datagram)
@@ -312,7 +315,8 @@ class BridgeCore:
             if type(value) is Variant:  # a Bad field: its StatusCode in place of a value
                 types, values = _unwrapped(types, values)
                 break
-        timestamp = max(timestamp, self._read.get(topic, -1) + 1)
+        if timestamp <= (last := self._read.get(topic, -1)):
+            timestamp = self._publisher.timestamps.after(topic, last, timestamp, now)
         datagrams = self._publisher.publish(topic, values, timestamp=timestamp, status=status, now=now, types=types)
         self._read[topic] = timestamp
         return datagrams
@@ -383,7 +387,8 @@ class BridgeCore:
 
     def _restate(self, topic: Topic, status: int, timestamp: int, now: float) -> None:
         """Say the last values of a source with another status, as of now or as of the time that they had."""
-        timestamp = max(timestamp, self._read.get(topic, -1) + 1)
+        if timestamp <= (last := self._read.get(topic, -1)):
+            timestamp = self._publisher.timestamps.after(topic, last, timestamp, now)
         for datagram in self._publisher.restate(topic, status=status, timestamp=timestamp, now=now):
             self._read[topic] = timestamp
             self._send(datagram)

@@ -28,7 +28,7 @@ from ua_fleet.carrier.watching import RunWatch
 from ua_fleet.carrying import Begin, Gone, Holder, Pause, RunRefused, Tell, segment_of, segment_run
 from ua_fleet.carrying.adoption import decode_adoption, encode_filled
 from ua_fleet.carrying.effects import Carry, Stop, fact_before
-from ua_fleet.carrying.held import HeldRun
+from ua_fleet.carrying.held import CLOCK_STEP_S, HeldRun
 from ua_fleet.carrying.holder import ADOPTED, LOST
 from ua_fleet.carrying.segment_scenario import segment_scenario
 from ua_fleet.carrying.token import SegmentRound
@@ -102,6 +102,8 @@ class _Carrier:
         self._records: CarriedRecords | None = None
         self._boot = BootNote(state_dir)
         self._holder = Holder(self._space, self._note)
+        self._offset_s = (ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND - ground.loop.time()
+        """Of the wall clock."""
         self._engine: SegmentEngine | None = None
         self._pages = FactPages(self._open)
         spaces = {bridge.space: each for each, bridge in config.bridges.items()}
@@ -248,7 +250,11 @@ class _Carrier:
                 self._open().compact(held, KEPT_SEGMENTS)
 
     def _wall_s(self) -> float:
-        return (self._ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND
+        wall_s = (self._ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND
+        before_s, self._offset_s = self._offset_s, wall_s - self._ground.loop.time()
+        if abs(step_s := self._offset_s - before_s) > CLOCK_STEP_S:
+            self._holder.clock_set(step_s)
+        return wall_s
 
     # What comes.
 

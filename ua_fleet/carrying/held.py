@@ -28,7 +28,7 @@ from ua_fleet.carrying.token import SegmentRound, Token, decode_token, encode_to
 from ua_fleet.scenario import Value
 from ua_fleet.topics import SERVER_SPACE
 
-__all__ = ["ADOPTED", "LOST", "HeldRun"]
+__all__ = ["ADOPTED", "CLOCK_STEP_S", "LOST", "HeldRun"]
 
 LOST: Final = "lost"
 """The outcome of a run of which nothing has come for its lease."""

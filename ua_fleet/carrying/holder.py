@@ -454,6 +454,13 @@ class Holder:
                     effects += self._close(held, LOST, reason, self._space, now)
         return effects
 
+    def clock_set(self, step_s: float) -> None:
+        """The wall clock was set forward by so much, or back: what is waited for here is as far away as before."""
+        for held in self.runs.values():
+            held.heard += step_s
+            if held.again_at is not None:
+                held.again_at += step_s
+
     def next_deadline(self) -> float | None:
         """When `poll` has something to do, by the wall clock, or None."""
         ends = [held.heard + held.part.lease_s for held in self.runs.values() if held.may_be_lost]

@@ -21,6 +21,7 @@ from typing import Any, Final
 
 from asyncua import Client, ua
 from asyncua.common.subscription import Subscription
+from asyncua.ua.uaerrors import BadRefreshInProgress
 
 from ua_fleet.client.batches import Batches
 from ua_fleet.client.calls import call
@@ -165,7 +166,7 @@ class _Watch:
         self._subscription_id = 0
         self._seen: set[str] = set()
         self._is_whole = False
-        self._is_refreshing = self._is_stormy = False
+        self._is_refreshing = self._is_stormy = self._is_owed = False
         self._counted_from, self._count = 0.0, 0
 
     async def begin(self, subscription: Subscription) -> None:
@@ -193,6 +194,8 @@ class _Watch:
                     yield info
                 yield ConditionsKnown(frozenset(self._seen), self._is_whole)
                 self._is_whole = self._is_refreshing = False
+                if self._is_owed:
+                    await self._refresh()
             elif event.EventType == _REQUIRED:
                 await self._refresh()
             else:
@@ -203,13 +206,16 @@ class _Watch:
                     await self._refresh()
 
     async def _refresh(self) -> None:
-        """ConditionRefresh (OPC 10000-9 5.5.7)."""
-        self._is_refreshing = True
+        """ConditionRefresh (OPC 10000-9 5.5.7), after the one that goes on where there is one."""
+        self._is_refreshing, self._is_owed = True, False
         number = ua.Variant(self._subscription_id, ua.VariantType.UInt32)
         owner, method = ua.ObjectIds.ConditionType, ua.ObjectIds.ConditionType_ConditionRefresh
         wanted = ua.CallMethodRequest(ua.NodeId(ua.Int32(owner)), ua.NodeId(ua.Int32(method)), [number])
         with translated(self._endpoint):
-            await call(self._client, wanted)
+            try:
+                await call(self._client, wanted)
+            except BadRefreshInProgress:
+                self._is_owed = True
 
     def _is_calm_again(self) -> bool:
         """Count an event that is none of a refresh; whether a storm has passed with it."""

@@ -190,6 +190,13 @@ class MonitoredItems:
         """Whether an item is told of this node's events."""
         return node_id in self._by_node
 
+    def are_behind(self, item_id: int | None = None) -> bool:
+        """Whether an item that watches events, or this one, has to be rid of some before it is told more."""
+        if item_id is not None:
+            item = self._monitored_items.get(item_id)
+            return isinstance(item, EventItem) and item.is_behind
+        return any(item.is_behind for items in self._by_node.values() for item in items.values())
+
     def tell(self, event: Any) -> None:
         """Tell the items of the event's node."""
         for item in list(self._by_node.get(event.emitting_node, {}).values()):

@@ -25,6 +25,7 @@ from asyncua.server.address_space import AddressSpace
 
 from ua_fleet.endpoint.answers import Misfit
 from ua_fleet.endpoint.at_once import DONE, Done
+from ua_fleet.endpoint.backlog import MOST_WAITING
 from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.filters import EventFilter
 from ua_fleet.endpoint.indexrange import IndexRange, apply_range, is_small
@@ -412,6 +413,11 @@ class EventItem(Item):
     ) -> None:
         super().__init__(owner, item_id, request, queue_size)
         self.filter = event_filter
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether so much waits for the client that what is not urgent waits as well."""
+        return self.mode is _REPORTING and len(self.queue) > min(self.queue_size // 2, MOST_WAITING)
 
     def happened(self, event: Any) -> None:
         """An event of the node; it is queued if it passes the filter."""

@@ -11,6 +11,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Iterator
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any, Final
 
 from asyncua import ua
@@ -19,6 +20,7 @@ from asyncua.server.internal_server import InternalServer
 from asyncua.server.subscription_service import SubscriptionService
 
 from ua_fleet.endpoint.answers import Misfit
+from ua_fleet.endpoint.backlog import Backlog
 from ua_fleet.endpoint.kept_events import EventKeeper
 from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.monitored_items import MonitoredItems
@@ -72,6 +74,8 @@ class ClientSubscription:
         self._quiet_cycles = 0
         self._cycles_without_request = 0
         self._first = True
+        self._backlog: Backlog | None = None
+        """What it is told of what was before."""
         self._changed = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
 
@@ -124,6 +128,7 @@ class ClientSubscription:
         """End; nothing of it is left."""
         task, self._task = self._task, None
         self.items.remove_all()
+        self._backlog = None
         self._pending.clear()
         if task is not None and task is not asyncio.current_task():
             task.cancel()
@@ -138,7 +143,7 @@ class ClientSubscription:
             with contextlib.suppress(Exception):  # what is wrong may be wrong with this, too
                 self.tell_status(StatusCodes.BadInternalError)
         self._registry.forget(self)
-        self._task = None
+        self._task = self._backlog = None
         self.items.remove_all()
         await self._registry.tell_end(self)
 
@@ -159,6 +164,7 @@ class ClientSubscription:
         now = time.monotonic()
         while self.items.sample(now):  # noqa: ASYNC110 - others have a turn; there is no event to wait for
             await asyncio.sleep(0)
+        await self._tell_backlog()
         self._report_triggered()
         if not (self._first or self._has_news()):
             self._quiet_cycles += 1
@@ -174,9 +180,38 @@ class ClientSubscription:
                 more = self.answer(request)
                 if time.monotonic() - began > TURN_S:
                     await asyncio.sleep(0)
+                if self._backlog is not None:
+                    await self._tell_backlog()
+                    more = self._has_news()
                 if not more:
                     break
         return True
+
+    @property
+    def has_backlog(self) -> bool:
+        """Whether it is being told by and by of what was before."""
+        return self._backlog is not None
+
+    async def tell_by_and_by(self, events: Iterator[None], item_id: int | None = None) -> None:
+        """Tell events, one at most with each step, as the queues of its items, or of this one, have room for them.
+
+        Returns as soon as clients have to fetch some first; the others follow.
+        """
+        self._backlog = Backlog(events, partial(self.items.are_behind, item_id))
+        await self._tell_backlog()
+
+    async def _tell_backlog(self) -> None:
+        while (backlog := self._backlog) is not None:
+            try:
+                goes_on = backlog.tell()
+            except Exception as error:  # noqa: BLE001 - counted and logged; what is new is told all the same
+                self._registry.failed(error, self.id)
+                goes_on = False
+            if backlog.is_over:
+                self._backlog = None
+            if not goes_on:
+                return
+            await asyncio.sleep(0)
 
     def _lives_on(self) -> bool:
         """Count the cycles in which there was no Publish request (OPC 10000-4 5.14.1.1); False ends the lifetime."""

@@ -7,8 +7,6 @@ The roles: operators acknowledge, confirm, comment and shelve; engineers suppres
 
 from __future__ import annotations
 
-import asyncio
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
@@ -34,8 +32,6 @@ from ua_fleet.values import NodeId
 __all__ = ["ConditionMethods"]
 
 MOST_COMMENT: Final = 1000
-_REFRESH_S: Final = 0.005
-"""So long a refresh may hold the loop at a time."""
 _REFRESH: Final = ns0(ObjectIds.ConditionType_ConditionRefresh)
 _REFRESH2: Final = ns0(ObjectIds.ConditionType_ConditionRefresh2)
 _CONFIRM: Final = ns0(ObjectIds.AcknowledgeableConditionType_Confirm)
@@ -73,7 +69,6 @@ class ConditionMethods:
         """
         self._server, self._view, self._scenarios = server, view, scenarios
         self._nodes, self._alarms, self._carried = nodes, alarms, carried
-        self._refreshing = set[int]()
 
     def build(self) -> None:
         """Let the Methods be called."""
@@ -138,7 +133,10 @@ class ConditionMethods:
         raise Refusal(StatusCodes.BadNotSupported, "alarms of faults are always enabled")
 
     async def _refresh(self, _owner: ua.NodeId, subscription_id: ua.Variant, item: ua.Variant | None = None) -> Answer:
-        """ConditionRefresh and ConditionRefresh2 (5.5.7, 5.5.8): to the caller's own subscription alone."""
+        """ConditionRefresh and ConditionRefresh2 (5.5.7, 5.5.8): to the caller's own subscription alone.
+
+        Good says that it has begun. Its end waits for Publish requests, which this session may send after the answer.
+        """
         number = int(subscription_id.Value)
         subscription: Any = self._server.iserver.subscription_service.subscriptions.get(number)
         if subscription is None or subscription.session is not current_session.get():
@@ -146,17 +144,9 @@ class ConditionMethods:
         item_id = None if item is None else int(item.Value)
         if item_id is not None and subscription.items.get(item_id) is None:
             raise Refusal(StatusCodes.BadMonitoredItemIdInvalid)
-        if number in self._refreshing:
+        if subscription.has_backlog:
             raise Refusal(StatusCodes.BadRefreshInProgress)
-        self._refreshing.add(number)
-        try:
-            until = time.perf_counter() + _REFRESH_S
-            for _ in self._view.refresh(number, item_id, self._nodes.refresh):
-                if time.perf_counter() > until:
-                    await asyncio.sleep(0)
-                    until = time.perf_counter() + _REFRESH_S
-        finally:
-            self._refreshing.discard(number)
+        await subscription.tell_by_and_by(self._view.refresh(number, item_id, self._nodes.refresh), item_id)
         return []
 
     # Of alarms of values alone.

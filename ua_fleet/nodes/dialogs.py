@@ -103,10 +103,12 @@ class DialogNodes:
             case _:
                 pass
 
-    def refresh(self, subscription_id: int, item_id: int | None) -> None:
-        """Tell one subscription, or one of its items, the dialogs that are active."""
+    def refresh(self, subscription_id: int, item_id: int | None) -> Iterator[None]:
+        """Tell one subscription, or one of its items, the dialogs that are active, a step for each."""
         for dialog in self._active():
-            self._emit(dialog, dict(dialog.shown), subscription_id, item_id)
+            yield
+            if dialog.active:
+                self._emit(dialog, dict(dialog.shown), subscription_id, item_id)
 
     # Within.
 

@@ -220,6 +220,7 @@ class ScenarioView:
         """
         now = self._wall_ticks()
         self._frame(ObjectIds.RefreshStartEventType, subscription_id, item_id, now)
+        yield
         for fault_id in list(self._alarms):
             if fault_id not in self._alarms:
                 continue  # it is over since the refresh began
@@ -229,7 +230,8 @@ class ScenarioView:
             yield
         yield from others(subscription_id, item_id)
         if self.dialogs is not None:
-            self.dialogs.refresh(subscription_id, item_id)
+            yield from self.dialogs.refresh(subscription_id, item_id)
+        yield
         self._frame(ObjectIds.RefreshEndEventType, subscription_id, item_id, now)
 
     def _frame(self, kind: int, subscription_id: int, item_id: int | None, ticks: int) -> None:

@@ -2,7 +2,7 @@
 
 Each mirrored message is a key frame. A writer repeats its last one, so that who comes late or lost it still gets the
 value; the Timestamp of a repeat is unchanged, and otherwise Timestamps strictly increase: that is how a receiver tells
-the two apart. A keep-alive attests the source, not this process.
+the two apart. A keep-alive attests the source, not this process. Where the clock was ahead, they go back once.
 
     (new)  --announce-->           alive: repeats and keep-alives
     alive  --source_lost-->        lost: one frame with Bad_NoCommunication, then silence
@@ -30,6 +30,7 @@ from ua_fleet.pubsub.pacing import Pace
 from ua_fleet.pubsub.packing import HEADER_BYTES, MAX_PACKED_BYTES, pack
 from ua_fleet.pubsub.sequence import MASK
 from ua_fleet.pubsub.switching import WriterSwitches
+from ua_fleet.pubsub.timestamps import Timestamps
 from ua_fleet.pubsub.timing import PubSubTiming, version_time
 from ua_fleet.pubsub.writer import Writer
 from ua_fleet.topics import Topic
@@ -83,6 +84,7 @@ class Publisher:
         *,
         max_packed_bytes: int = MAX_PACKED_BYTES,
         settings: Mapping[Topic, WriterSettings] | None = None,
+        timestamps: Timestamps | None = None,
     ) -> None:
         """Make a publisher without writers.
 
@@ -95,6 +97,7 @@ class Publisher:
             max_packed_bytes: several DataSetMessages share a NetworkMessage up to this size; it must fit into a
                 datagram, since only a NetworkMessage of one DataSetMessage can be sent as chunks.
             settings: how writers send that do not send key frames of Variants.
+            timestamps: where Timestamps do not increase by themselves, says which one is sent.
         """
         self._id = publisher_id
         self._timing = timing
@@ -114,6 +117,7 @@ class Publisher:
         self._order = count(1)
         self._announcement_number = 0
         self._pace = Pace()
+        self.timestamps = timestamps or Timestamps()
         if application is None:
             application = Application(describe(f"{PRODUCT_URI}:{publisher_id}", f"publisher {publisher_id}"))
         self.sent_messages = Counter[int]()
@@ -151,6 +155,7 @@ class Publisher:
 
     def begin(self, *, now: float, wall_ticks: int) -> list[bytes]:
         """Announce the application, and that it is Operational; `poll` does so again with a period."""
+        self.timestamps.set_clock(now, wall_ticks)
         return self._announcer.begin(now, wall_ticks)
 
     def end(self) -> list[bytes]:
@@ -170,6 +175,7 @@ class Publisher:
         """
         if topic.space != self._id:
             raise LocalWireError(f"{topic.name} does not originate in space {self._id}")
+        self.timestamps.set_clock(now, wall_ticks)
         known = self._writers.get(topic)
         writer = known or self._new_writer(topic)
         metadata = self._versioned(writer, name, fields, wall_ticks)
@@ -203,7 +209,8 @@ class Publisher:
         Args:
             topic: an announced source.
             values: one for each field, in their order.
-            timestamp: the source's time in ticks; where it does not move forward, the last one plus one tick is sent.
+            timestamp: the source's time in ticks; where it does not move forward, the last one plus one tick is sent,
+                unless the last one is far in the future.
             status: of the whole message; its upper 16 bits travel.
             now: the time.
             types: where a field has another type code than its metadata says, e.g. a StatusCode in place of a value.
@@ -223,7 +230,7 @@ class Publisher:
             if maker is None:
                 encode = writer.encoder(types, self._codec)
         if timestamp <= writer.timestamp:
-            timestamp = writer.timestamp + 1
+            timestamp = self.timestamps.after(topic, writer.timestamp, timestamp, now)
         number = writer.next_number
         frame = None if maker is None else maker.make(number, timestamp, status, types, values)
         datagram = encode(number, timestamp, status, values) if frame is None else frame.datagram
@@ -284,6 +291,7 @@ class Publisher:
         if values is None:
             values = (status,) * len(writer.types)
             types = (int(BuiltinType.STATUS_CODE),) * len(writer.types)
+        timestamp = max(timestamp, writer.timestamp + 1)  # it is said once, and is news at once
         datagrams = self.publish(topic, values, timestamp=timestamp, status=status, now=now, types=types)
         writer.alive = False
         return datagrams
@@ -413,10 +421,11 @@ class Publisher:
 
         Args:
             now: the time.
-            wall_ticks: the wall clock, where it is known: a status tells it.
+            wall_ticks: the wall clock, where it is known: a status tells it, and Timestamps are measured by it.
             is_round: whether the process wakes with a period anyhow, so that keep-alives may go with that.
         """
         if wall_ticks is not None:
+            self.timestamps.set_clock(now, wall_ticks)
             self._announcer.set_clock(now, wall_ticks)
         datagrams = self._send_due_answers(now) + self._announcer.poll(now)
         deadlines, pace = self._deadlines, self._pace

@@ -121,6 +121,8 @@ class DataSetReaders:
                 self._attest(writer, now, events)
             elif number is None:  # a keep-alive after it has no number either that would tell of it
                 writer.doubted = True
+            elif not (writer.silent or writer.is_gone) and writer.may_be_set_back(frame, now):
+                self._liveness.live(writer, now, events)  # it will soon be taken
             return
         if frame.kind != _KEY or frame.encoding != _VARIANT or frame.types != writer.types:
             if frame.kind == _KEY and frame.encoding != _RAW and not frame.types and writer.types:

@@ -225,6 +225,11 @@ class RemoteWriter:
         self._back_timestamp = timestamp
         return now - self._back_since > receive_timeout_s
 
+    def may_be_set_back(self, frame: DataSetMessage, now: float) -> bool:
+        """Whether a message that is not new follows another one of a past Timestamp, as where a clock was set back."""
+        is_there = (frame.status or 0) >> 16 != NO_COMMUNICATION
+        return is_there and self._back_since is not None and self._back_since < now
+
     def hand_on(self, message: DataSetMessage) -> None:
         """Note that a message is handed on."""
         timestamp = message.timestamp

@@ -22,6 +22,7 @@ from ua_fleet.operation.skills.commands import SkillCommands, Told
 from ua_fleet.operation.skills.tracker import SkillTracker
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
+from ua_fleet.pubsub.timestamps import Timestamps
 from ua_fleet.server.attached import Ground
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.topics import SERVER_SPACE
@@ -131,6 +132,7 @@ def make_ground(
             application,
             max_packed_bytes=most_bytes,
             settings=writer_settings(config),
+            timestamps=Timestamps(only_increase=True),
         ),
         subscriber=subscriber,
         counters=counters,

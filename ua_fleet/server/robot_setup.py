@@ -23,6 +23,7 @@ from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.robot_admission import RobotAdmission
 from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.skill.journal import ResponderJournal
+from ua_fleet.values import TICKS_PER_SECOND
 
 __all__ = ["connect_roster", "make_offers"]
 
@@ -40,6 +41,7 @@ def make_offers(hub: Callable[[], Hub], journal: ResponderJournal) -> ClientOffe
         told=told,
         wall_ticks=wall_ticks,
         log=structlog.get_logger("ua_fleet.server"),
+        steady_ticks=lambda: round(loop.time() * TICKS_PER_SECOND),
     )
 
 

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -210,6 +211,20 @@ async def test_connection_is_logged_once_each_way(monkeypatch: pytest.MonkeyPatc
     assert told() == ["not connected to the space", "connected to the space", "not connected to the space"]
     logs = [entry for entry in logs if "connected" in entry["event"]]
     assert logs[0]["detail"].startswith("no master")
+
+
+async def test_a_clock_that_is_set_back_is_logged_once() -> None:
+    robot, line = Robot(), Line()
+    day_ns, source = 86_400 * 10**9, Topic(2, 2, 1)
+    with capture_logs() as logs:
+        async with running(robot, line):
+            for _ in range(3):
+                now_ns = time.time_ns()
+                robot.put(SampleRead(source, (1.0,), now_ns + day_ns), SampleRead(source, (2.0,), now_ns))
+                await turns()
+            [entry] = [entry for entry in logs if "clock" in entry["event"]]
+    assert (entry["log_level"], entry["source"]) == ("warning", source.name)
+    assert abs(entry["back_s"] - 86_400) < 60
 
 
 async def test_reason_of_a_drop_and_malformed_datagrams_are_logged_without_a_flood(

@@ -21,6 +21,7 @@ from ua_fleet.carrier import carrier_of
 from ua_fleet.carrier.engine import SegmentEnd, SegmentEngine
 from ua_fleet.carrying import Holder, RunRefused, SegmentRound, Token, encode_part, encode_token, parts_of, segment_run
 from ua_fleet.carrying.facts import PartTaken, PauseTold, SegmentBegun
+from ua_fleet.carrying.held import LOST, HeldRun
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Counters
 from ua_fleet.errors import LocalWireError, StorageUnavailable
@@ -60,6 +61,8 @@ class Bridge:
 
     def __init__(self, name: str, folder: Path, records: CarriedRecords, config: FleetConfig = CONFIG) -> None:
         self.now = 5.0
+        self.ahead_s = 0.0
+        """Of the wall clock, which somebody has set."""
         self.sent: list[bytes] = []
         self.loop, self.mistakes = VirtualLoop(lambda: self.now), Mistakes()
         space, timing = config.bridges[name].space, PubSubTiming()
@@ -75,7 +78,7 @@ class Bridge:
             self.loop,
             send=self.sent.append,
             send_to=lambda datagram, _address: self.sent.append(datagram),
-            wall_ticks=lambda: UNIX_EPOCH_TICKS + round(self.now * 10_000_000),
+            wall_ticks=lambda: UNIX_EPOCH_TICKS + round((self.now + self.ahead_s) * 10_000_000),
             sooner=lambda: None,
             must_be_verified=False,
             answers=lambda _address, sender: sender,
@@ -215,3 +218,43 @@ def test_a_segment_that_the_engine_could_not_write_down_begins_later(
     assert cell.side.problem == ""
     cell.go_on(5.0)
     assert len(begun) == 2
+
+
+def awaiting(tmp_path: Path, records: CarriedRecords) -> tuple[Bridge, HeldRun]:
+    """The second bridge, which has its part, and waits for its token."""
+    holder = Holder(301, records.note)
+    holder.take_part(encode_part(PARTS[301]), 1.0)
+    hall = Bridge("hall", tmp_path, records)
+    return hall, cast("Any", hall.side)._holder.runs["run"]
+
+
+@pytest.mark.parametrize("set_s", [-3600.0, 3600.0])
+def test_what_could_not_be_written_is_tried_again_although_the_clock_was_set(
+    tmp_path: Path, records: CarriedRecords, set_s: float
+) -> None:
+    hall, held = awaiting(tmp_path, records)
+    cast("Any", hall.side)._holder.put_off("the disk is full", hall.now)
+    hall.ahead_s = set_s
+    hall.go_on(0.5)
+    assert held.again_at is not None
+    due = hall.side.next_deadline()
+    assert due is not None
+    assert due <= hall.now + 1.0
+    hall.go_on(1.0)
+    assert held.again_at is None
+
+
+@pytest.mark.parametrize("set_s", [-1e6, 0.0, 1e6])
+def test_a_run_is_lost_after_its_lease_although_the_clock_was_set(
+    tmp_path: Path, records: CarriedRecords, set_s: float
+) -> None:
+    hall, held = awaiting(tmp_path, records)
+    lease_s = held.part.lease_s
+    hall.go_on(lease_s / 2)
+    hall.ahead_s = set_s
+    hall.go_on(lease_s / 2 - 10)
+    outcomes = [held.closed]
+    hall.go_on(10)
+    outcomes.append(held.closed)
+    assert [closed and closed.outcome for closed in outcomes] == [None, LOST]
+    assert [closed.at for closed in outcomes if closed] == pytest.approx([hall.now + set_s]), "by the clock on the wall"

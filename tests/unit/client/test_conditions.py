@@ -146,6 +146,26 @@ async def test_a_server_that_asks_for_a_refresh_gets_it(watched: Watched) -> Non
     assert watched.refreshes == 1
 
 
+async def test_a_refresh_that_goes_on_is_followed_by_the_one_that_was_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    calls: list[object] = []
+
+    async def call(_client: object, wanted: object) -> None:
+        calls.append(wanted)
+        if len(calls) == 1:
+            raise ua.uaerrors.BadRefreshInProgress
+
+    watched = Watched()
+    monkeypatch.setattr(conditions, "call", call)
+    async with aclosing(watched.watch.told()) as events:
+        watched.say(frame(START), told("a"), frame(REQUIRED), told("b"), frame(END))
+        assert len(await some(events, 3)) == 3
+        watched.say(frame(START), told("a"), frame(END), told("c"))
+        assert len(await some(events, 3)) == 3
+    assert len(calls) == 2
+
+
 async def test_a_lost_connection_is_told(watched: Watched) -> None:
     watched.watch.events.lose()
     with pytest.raises(NotConnected):

@@ -69,7 +69,9 @@ class OfferedExecution:
     began: int
     """Ticks."""
     until: int
-    """Ticks, when it is given up."""
+    """Ticks, when it is given up, as people are told."""
+    deadline: int
+    """The same by a clock that nobody sets."""
     report: ExecutionReport = field(default_factory=lambda: ExecutionReport(_S.RUNNING))
     taken_by: str = ""
     """The user who does it; empty while nobody does."""
@@ -110,6 +112,7 @@ class ClientOffers:
         told: Callable[[bytes, RequestOutcome], None],
         wall_ticks: Callable[[], int],
         log: Log,
+        steady_ticks: Callable[[], int] | None = None,
     ) -> None:
         """Go on where the journal ends: what was asked or taken then is over.
 
@@ -119,11 +122,13 @@ class ClientOffers:
             told: takes the outcome of a request, after `request` has returned.
             wall_ticks: the wall clock.
             log: is told when ends cannot be recorded.
+            steady_ticks: a clock that nobody sets, for what is waited for; the wall clock where there is none.
 
         Raises:
             StorageUnavailable: the journal cannot be used.
         """
         self._journal, self._show, self._told, self._wall_ticks, self._log = journal, show, told, wall_ticks, log
+        self._steady_ticks = steady_ticks or wall_ticks
         self.changed: Callable[[OfferedExecution], None] = lambda _asked: None
         """Told of every change of an execution."""
         self._unwritten: dict[bytes, ExecutionReport] = {}
@@ -258,8 +263,9 @@ class ClientOffers:
         except (LocalWireError, ValueError) as error:
             raise SkillRejected(f"{robot}.{offered.name}: {error}") from error
         now = self._wall_ticks()
-        until = now + round(offered.timeout_s * TICKS_PER_SECOND)
-        asked = OfferedExecution(execution_id, known.model.name, offered, topic, given, now, until)
+        most = round(offered.timeout_s * TICKS_PER_SECOND)
+        until, deadline = now + most, self._steady_ticks() + most
+        asked = OfferedExecution(execution_id, known.model.name, offered, topic, given, now, until, deadline)
         target, timeout_ms = Target(*topic, _TARGET_ID), round(offered.timeout_s * 1000)
         return asked, RecordedExecution(
             execution_id, _REQUESTOR, SERVER_SPACE, target, content, now, timeout_ms, asked.report
@@ -378,14 +384,14 @@ class ClientOffers:
 
     def poll(self) -> None:
         """Give up what has taken too long, and write down what could not be before."""
-        now = self._wall_ticks()
+        now = self._steady_ticks()
         if self._unwritten and now >= self._retry_at:
             unwritten, self._unwritten = self._unwritten, {}
             for execution_id, report in unwritten.items():
                 if self._asked[execution_id].is_open:
                     self._end_later(self._asked[execution_id], report)
         for asked in self.open:
-            if now >= asked.until and asked.execution_id not in self._unwritten:
+            if now >= asked.deadline and asked.execution_id not in self._unwritten:
                 within = f"within {asked.skill.timeout_s:g} s"
                 report = ExecutionReport(_S.TIMED_OUT, int(StatusCode.BAD_TIMEOUT), f"nobody took it {within}")
                 if asked.taken_by:
@@ -397,9 +403,9 @@ class ClientOffers:
         """After how many seconds `poll` is to be called next, or None."""
         if not self._open:
             return None
-        due = [asked.until for asked in self._open.values() if asked.execution_id not in self._unwritten]
+        due = [asked.deadline for asked in self._open.values() if asked.execution_id not in self._unwritten]
         due += [self._retry_at] if self._unwritten else []
-        return max(0.0, (min(due) - self._wall_ticks()) / TICKS_PER_SECOND) if due else None
+        return max(0.0, (min(due) - self._steady_ticks()) / TICKS_PER_SECOND) if due else None
 
     # Within.
 
@@ -443,7 +449,7 @@ class ClientOffers:
             if not self._unwritten:
                 self._log.error("ends of executions by clients are not recorded", reason=str(error))
             self._unwritten[asked.execution_id] = report
-            self._retry_at = self._wall_ticks() + TICKS_PER_SECOND
+            self._retry_at = self._steady_ticks() + TICKS_PER_SECOND
 
     def _put(self, asked: OfferedExecution) -> None:
         self._asked[asked.execution_id] = asked

@@ -56,6 +56,8 @@ class Hall:
     def __init__(self, journal: Full | None = None) -> None:
         self.journal = journal or Full()
         self.now = 1000 * TICKS_PER_SECOND
+        self.ahead = 0
+        """Of the wall clock, which somebody has set."""
         self.events: list[SubscriberEvent] = []
         self.outcomes: list[tuple[bytes, RequestOutcome]] = []
         self.changes: list[OfferedExecution] = []
@@ -63,8 +65,9 @@ class Hall:
             self.journal,
             show=self.events.append,
             told=lambda execution_id, outcome: self.outcomes.append((execution_id, outcome)),
-            wall_ticks=lambda: self.now,
+            wall_ticks=lambda: self.now + self.ahead,
             log=structlog.get_logger(),
+            steady_ticks=lambda: self.now,
         )
         self.offers.changed = self.changes.append
         self.offers.follow(ROBOT)
@@ -265,6 +268,23 @@ def test_what_cannot_be_written_has_not_happened_and_is_tried_again(hall: Hall) 
     hall.later(1)
     assert (hall.state(ONE), hall.state(TWO)) == (ExecutionState.UNKNOWN, ExecutionState.TIMED_OUT)
     assert hall.offers.due_in_s() is None
+
+
+@pytest.mark.parametrize("set_s", [-3600, 3600])
+def test_what_is_waited_for_does_not_go_by_a_clock_that_is_set(hall: Hall, set_s: int) -> None:
+    hall.offers.offer("s1", "anna", FIX)
+    hall.ask()
+    hall.ahead = set_s * TICKS_PER_SECOND
+    assert hall.offers.due_in_s() == 10
+    hall.later(9)
+    assert hall.state() is ExecutionState.RUNNING
+    hall.journal.is_full = True
+    hall.later(1)
+    hall.ahead = 0
+    assert hall.offers.due_in_s() == 1
+    hall.journal.is_full = False
+    hall.later(1)
+    assert hall.state() is ExecutionState.TIMED_OUT
 
 
 def test_old_executions_are_forgotten(hall: Hall) -> None:

@@ -109,7 +109,7 @@ class Ros1Graph:
                 await asyncio.sleep(0.02)
 
     def _served_by_bridge(self) -> set[str]:
-        """Topics for which the bridge has a link to somebody else; of one mapped in both directions it has its own, too."""
+        """Topics for which it has a link to somebody else: of one mapped in both directions it has its own, too."""
         return {link[4] for link in self._links_from("/ua_bridge") if link[1] != "/ua_bridge"}
 
     def links(self, node: str, topic: str) -> set[int]:

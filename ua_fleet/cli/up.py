@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import os
-import shlex
 import sys
 from asyncio.subprocess import Process
 from collections.abc import Callable, Coroutine, Sequence
@@ -20,7 +19,7 @@ from ua_fleet.cli.options import DEFAULT_CONFIG, Config, load_config
 from ua_fleet.cli.output import message
 from ua_fleet.cli.process import run
 from ua_fleet.cli.screen import ColorWhen, has_colours
-from ua_fleet.printing import harmless
+from ua_fleet.printing import config_option, harmless
 
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
@@ -61,7 +60,6 @@ def up(
 
 
 async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[str]) -> None:
-    option = "" if config == DEFAULT_CONFIG else f" -c {shlex.quote(str(config))}"
     await _introduce(fleet, folder, wanted)
     shown = _Shown(["server", *wanted])
 
@@ -69,7 +67,7 @@ async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[s
         reason = f": {ended.last}" if ended.last else ""
         message(
             f"{_kind_of(fleet, ended.name)} {ended.name} {ended.how}{reason}; the others go on; to start it again, in "
-            f"another terminal: ua-fleet {' '.join(_command_of(fleet, ended.name))}{option}"
+            f"another terminal: ua-fleet {' '.join(_command_of(fleet, ended.name))}{config_option()}"
         )
 
     server = _Running("server", shown)
@@ -78,7 +76,7 @@ async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[s
         await server.start([sys.executable, "-m", "ua_fleet.cli", "serve", "--config", str(config)])
         if (endpoint := await shown.while_read(server.ready())) is None:
             raise typer.Exit(server.code or EXIT_FAILED)
-        _tell_how_to_log_in(fleet, folder, option, endpoint)
+        _tell_how_to_log_in(fleet, folder, endpoint)
         for name in wanted:
             python = sys.executable if name in fleet.relays else _python_of(fleet.bridges[name].kind)
             if python is None:
@@ -131,7 +129,7 @@ def _python_of(kind: str) -> str | None:
     return str(found) if found is not None else None
 
 
-def _tell_how_to_log_in(fleet: FleetConfig, folder: Path, option: str, endpoint: str) -> None:
+def _tell_how_to_log_in(fleet: FleetConfig, folder: Path, endpoint: str) -> None:
     from ua_fleet.endpoint.users import USERS_FILE, UserStore
 
     users = UserStore(folder / fleet.server.state_dir / USERS_FILE).list()
@@ -143,7 +141,7 @@ def _tell_how_to_log_in(fleet: FleetConfig, folder: Path, option: str, endpoint:
         message(f"in another terminal: ua-fleet browse -e {endpoint}")
     else:
         message(
-            f"no user exists yet; in another terminal: ua-fleet user add NAME --role operator{option}, "
+            f"no user exists yet; in another terminal: ua-fleet user add NAME --role operator{config_option()}, "
             f"and then: ua-fleet login {endpoint} --user NAME"
         )
 

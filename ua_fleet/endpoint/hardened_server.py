@@ -47,6 +47,7 @@ from ua_fleet.endpoint.subscriptions import SubscriptionRegistry
 from ua_fleet.endpoint.trust import TrustList
 from ua_fleet.endpoint.users import USERS_FILE, Role, User, UserStore
 from ua_fleet.errors import ServerStartError
+from ua_fleet.printing import config_option
 from ua_fleet.storage.files import make_private_folder
 from ua_fleet.transport.addresses import host_and_port
 
@@ -212,11 +213,15 @@ def _warn(context: EndpointContext) -> None:
     if context.bridges is not None and (unknown := context.bridges.unknown):
         _log.warning(
             "no certificate is trusted for some bridges, so they get no keys; "
-            "run: ua-fleet cert create --bridge NAME --trust, or ua-fleet cert trust --bridge NAME FILE",
+            f"run: ua-fleet cert create --bridge NAME --trust{config_option()}, "
+            f"or ua-fleet cert trust --bridge NAME FILE{config_option()}",
             bridges=", ".join(unknown),
         )
     if not context.users.list() and not context.allow_anonymous:
-        _log.warning("no user exists yet; add a user with: ua-fleet user add NAME", file=str(context.users.path))
+        _log.warning(
+            f"no user exists yet; add a user with: ua-fleet user add NAME{config_option()}",
+            file=str(context.users.path),
+        )
 
 
 def _audit_log(config: AuditConfig, state_dir: Path, files_dir: Path) -> AuditLog:

@@ -454,3 +454,23 @@ def test_a_command_that_is_printed_is_about_the_same_fleet(invoke: Invoke, tmp_p
     assert invoke("cert", "create", "-c", "hall 2.yaml").code == 0
     [own] = certificates.list_certificates(tmp_path / "state")
     assert own.renewal == "ua-fleet cert create --renew -c 'hall 2.yaml', then restart the server"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["user", "list"], "ua-fleet user add NAME --role operator"),
+        (["user", "remove", "anna"], "ua-fleet user list"),
+        (["cert", "trust"], "ua-fleet cert list"),
+        (["cert", "revoke"], "ua-fleet cert list"),
+        (["cert", "revoke", "--bridge", "floor"], "ua-fleet cert list"),
+        (["cert", "create", "--bridge", "cell"], "ua-fleet cert trust --bridge cell {state}/bridges/cell/bridge.der"),
+    ],
+)
+def test_a_printed_command_names_the_file_that_the_command_was_given(
+    invoke: Invoke, fleet: Path, words: list[str], told: str
+) -> None:
+    file = fleet.with_name("hall2.yaml")
+    file.write_text(fleet.read_text())
+    ended = invoke(*words, "-c", str(file))
+    assert f": {told.format(state=fleet.parent / 'state')} -c {file}\n" in ended.stderr

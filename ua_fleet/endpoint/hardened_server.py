@@ -24,12 +24,13 @@ from ua_fleet.endpoint.audit.log import LOG_FILE
 from ua_fleet.endpoint.audit.syslog_message import parse_destination
 from ua_fleet.endpoint.audit.syslog_sender import SyslogSender, tls_context
 from ua_fleet.endpoint.bridge_trust import BridgeTrust
-from ua_fleet.endpoint.certificates import ensure_application_certificate
+from ua_fleet.endpoint.certificates import ensure_application_certificate, load_certificate
 from ua_fleet.endpoint.context import EndpointContext, NodeGate, Statistics
 from ua_fleet.endpoint.diagnostics import Diagnostics
 from ua_fleet.endpoint.kept_events import EventKeeper
 from ua_fleet.endpoint.limits import CHUNK_BYTES, EndpointLimits
 from ua_fleet.endpoint.listener import EndpointListener
+from ua_fleet.endpoint.named_hosts import warn_of_missing_hosts
 from ua_fleet.endpoint.node_builder import nodes_of, paused_collection, release_collection
 from ua_fleet.endpoint.queues import Queues
 from ua_fleet.endpoint.server_methods import ServerMethods
@@ -284,6 +285,7 @@ async def create_server(
     session_keys = SessionKeys(state_dir / KEYS_FILE, store, config.max_session_key_days * DAY_S)
     session_keys.check()
     files = ensure_application_certificate(state_dir, application_uri, [config.host])
+    warn_of_missing_hosts(load_certificate(files.certificate), config.host)
     trust = TrustList(state_dir, trust_all=config.trust_all_clients, bridges=bridges)
     server = HardenedServer()
     server.name = "ua_fleet"

@@ -170,9 +170,12 @@ def _create_for_bridge(
     _check_bridge(fleet, config, name)
     with extra_needed("a bridge's certificate", "client"):
         from ua_fleet.client import ClientIdentity
+        from ua_fleet.client.shared_certificate import why_not_its_own
     from ua_fleet.endpoint.certificates import load_certificate, thumbprint
 
     root = config.resolve().parent
+    if problem := why_not_its_own(fleet, root, name):
+        raise UsageError(problem)
     identity = ClientIdentity.of_bridge(root / fleet.state_dir_of(name), fleet.fleet.name, name)
     if and_trust:
         with extra_needed("the server", "server"):

@@ -102,12 +102,15 @@ async def _introduce(fleet: FleetConfig, folder: Path, wanted: Sequence[str]) ->
         return
     with extra_needed("the server", "server"):
         from ua_fleet.client import ClientIdentity
+        from ua_fleet.client.shared_certificate import why_not_its_own
         from ua_fleet.server.mutual_trust import introduce_bridge
 
     for name in wanted:
         if not ClientIdentity.of_bridge(folder / fleet.state_dir_of(name), fleet.fleet.name, name).certificate.exists():
             await introduce_bridge(fleet, folder, name)
             message(f"{_kind_of(fleet, name)} {name} has a certificate now, and the server knows it")
+        elif problem := why_not_its_own(fleet, folder, name):
+            message(f"{_kind_of(fleet, name)} {name} will get no keys: {problem}")
 
 
 def _kind_of(fleet: FleetConfig, name: str) -> str:

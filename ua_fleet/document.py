@@ -7,6 +7,7 @@ when it is read), several documents. Unquoted scalars follow the core schema of 
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -78,6 +79,8 @@ class Document:
     problems: list[ConfigError]
     variables: dict[KeyPath, str] = field(default_factory=dict[KeyPath, str])
     """For a value with `${VAR}` in it what the file says in its place: the variable may be a secret."""
+    texts: dict[KeyPath, str] = field(default_factory=dict[KeyPath, str])
+    """For a value out of the environment that is taken for a number, true, false or nothing, the text that it was."""
 
     def place_of(self, path: KeyPath) -> SourcePlace:
         """The place of a value, or of the nearest one around it that is written down."""
@@ -119,8 +122,8 @@ def resolve_scalar(text: str) -> bool | int | float | str | None:
         return _WORDS[text]
     if _INT.fullmatch(text) and len(text) < 40:
         return int(text, {"0x": 16, "0o": 8}.get(text[:2], 10))
-    if _FLOAT.fullmatch(text):
-        return float(text)
+    if _FLOAT.fullmatch(text) and math.isfinite(number := float(text)):
+        return number
     return text
 
 
@@ -155,7 +158,12 @@ class _Reader:
 
     def _scalar(self, event: Any, path: KeyPath) -> Any:
         text = self._substituted(event.value, path)
-        return resolve_scalar(text) if event.implicit[0] else text
+        if not event.implicit[0]:
+            return text
+        value = resolve_scalar(text)
+        if path in self._document.variables and not isinstance(value, str):
+            self._document.texts[path] = text
+        return value
 
     def _substituted(self, text: str, path: KeyPath) -> str:
         environment = self._environment

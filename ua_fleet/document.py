@@ -7,7 +7,6 @@ when it is read), several documents. Unquoted scalars follow the core schema of 
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -122,8 +121,8 @@ def resolve_scalar(text: str) -> bool | int | float | str | None:
         return _WORDS[text]
     if _INT.fullmatch(text) and len(text) < 40:
         return int(text, {"0x": 16, "0o": 8}.get(text[:2], 10))
-    if _FLOAT.fullmatch(text) and math.isfinite(number := float(text)):
-        return number
+    if _FLOAT.fullmatch(text):
+        return float(text)
     return text
 
 

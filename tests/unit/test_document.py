@@ -74,9 +74,6 @@ def test_every_key_written_twice_is_a_problem_and_the_first_counts() -> None:
         ("2020-01-01", "2020-01-01"),
         (".inf", ".inf"),
         (".nan", ".nan"),
-        ("1e999", "1e999"),
-        ("-1e999", "-1e999"),
-        ("9" * 400, "9" * 400),
         ("1" * 50, "1" * 50),
     ],
 )

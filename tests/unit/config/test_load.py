@@ -85,7 +85,7 @@ BAD: list[tuple[str, str, list[str]]] = [
         ["F:4:server.port: must be a whole number, not `4840`; remove the quotes"],
     ),
     ("a fraction", HEAD + "server:\n  port: 1.5\n", ["F:4:server.port: must be a whole number, not `1.5`"]),
-    ("a huge number", HEAD + "server:\n  port: 1e400\n", ["F:4:server.port: must be a whole number, not `1e400`"]),
+    ("a huge number", HEAD + "server:\n  port: 1e400\n", ["F:4:server.port: must be a whole number, not `inf`"]),
     (
         "no value",
         HEAD + "server:\n  port:\n",
@@ -706,13 +706,21 @@ def test_a_value_of_the_environment_is_what_its_key_wants(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("1e999", "must be a whole number, not `1e999`"),
+        ("1e999", "must be a whole number, not `inf`"),
         ("true", "must be a whole number, not `true`"),
         ("99999", "must be at most 65535, not 99999"),
     ],
 )
 def test_what_is_no_number_of_the_environment_is_told_as_it_is(tmp_path: Path, given: str, said: str) -> None:
     assert problems(tmp_path, HEAD + "server:\n  port: ${PORT}\n", {"PORT": given}) == [f"F:4:server.port: {said}"]
+
+
+@pytest.mark.parametrize("written", ["1e999", "-1e999"])
+def test_a_number_that_is_too_large_is_not_taken_as_infinity(tmp_path: Path, written: str) -> None:
+    shown = written.replace("1e999", "inf")
+    assert problems(tmp_path, HEAD + f"server:\n  analog_rate_hz: {written}\n") == [
+        f"F:4:server.analog_rate_hz: must be a finite number, not `{shown}`"
+    ]
 
 
 def test_nothing_stays_nothing_where_no_text_is_wanted(tmp_path: Path) -> None:

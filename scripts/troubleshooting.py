@@ -195,6 +195,8 @@ def _variants(node: ast.expr, constants: dict[str, str]) -> list[str]:
     """The texts that an expression can be, with gaps for what is not known; none where it is no text at all."""
     if isinstance(node, ast.Constant):
         return [node.value] if isinstance(node.value, str) else []
+    if isinstance(node, ast.Call) and _name_of(node.func) == "config_option":
+        return [""]  # ` -c FILE` where the process was started so
     if isinstance(node, ast.Name):
         return [constants[node.id]] if node.id in constants else []
     if isinstance(node, ast.IfExp):

@@ -78,6 +78,8 @@ class Document:
     problems: list[ConfigError]
     variables: dict[KeyPath, str] = field(default_factory=dict[KeyPath, str])
     """For a value with `${VAR}` in it what the file says in its place: the variable may be a secret."""
+    texts: dict[KeyPath, str] = field(default_factory=dict[KeyPath, str])
+    """For a value out of the environment that is taken for a number, true, false or nothing, the text that it was."""
 
     def place_of(self, path: KeyPath) -> SourcePlace:
         """The place of a value, or of the nearest one around it that is written down."""
@@ -155,7 +157,12 @@ class _Reader:
 
     def _scalar(self, event: Any, path: KeyPath) -> Any:
         text = self._substituted(event.value, path)
-        return resolve_scalar(text) if event.implicit[0] else text
+        if not event.implicit[0]:
+            return text
+        value = resolve_scalar(text)
+        if path in self._document.variables and not isinstance(value, str):
+            self._document.texts[path] = text
+        return value
 
     def _substituted(self, text: str, path: KeyPath) -> str:
         environment = self._environment

@@ -12,7 +12,7 @@ from ua_fleet.cli.endings import EXIT_FAILED, NotFound, UsageError, extra_needed
 from ua_fleet.cli.options import DEFAULT_CONFIG, DEFAULT_ENDPOINT, Config, Json, load_config, state_folder
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run
-from ua_fleet.printing import utc_text
+from ua_fleet.printing import config_option, utc_text
 
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
@@ -134,7 +134,7 @@ def create(
         made = ensure_client_certificate(
             folder, f"urn:ua-fleet:{fleet.fleet.name}:client:{client}", client, renew=renew
         )
-        message(f"its key: {made.private_key}; trust it with: ua-fleet cert trust {made.certificate}")
+        message(f"its key: {made.private_key}; trust it with: ua-fleet cert trust {made.certificate}{config_option()}")
     info = next(info for info in list_certificates(folder) if info.path == made.certificate)
     if as_json:
         print_json({**_as_json(info), "private_key": str(made.private_key)})
@@ -170,9 +170,12 @@ def _create_for_bridge(
     _check_bridge(fleet, config, name)
     with extra_needed("a bridge's certificate", "client"):
         from ua_fleet.client import ClientIdentity
+        from ua_fleet.client.shared_certificate import why_not_its_own
     from ua_fleet.endpoint.certificates import load_certificate, thumbprint
 
     root = config.resolve().parent
+    if problem := why_not_its_own(fleet, root, name):
+        raise UsageError(problem)
     identity = ClientIdentity.of_bridge(root / fleet.state_dir_of(name), fleet.fleet.name, name)
     if and_trust:
         with extra_needed("the server", "server"):
@@ -180,7 +183,7 @@ def _create_for_bridge(
         run(introduce_bridge(fleet, root, name, renew=renew))
     else:
         run(identity.renew() if renew else identity.ensure())
-        message(f"on the server run: ua-fleet cert trust --bridge {name} {identity.certificate}")
+        message(f"on the server run: ua-fleet cert trust --bridge {name} {identity.certificate}{config_option()}")
     mark = thumbprint(load_certificate(identity.certificate))
     if as_json:
         print_json(
@@ -266,7 +269,9 @@ def trust_certificate(
     if bridge is not None and gateway is not None:
         raise UsageError("give --bridge or --gateway; a certificate is that of one of them")
     if (what is None) != last:
-        raise UsageError("name a certificate, or give --last --show; list them with: ua-fleet cert list")
+        raise UsageError(
+            f"name a certificate, or give --last --show; list them with: ua-fleet cert list{config_option()}"
+        )
     if last and not show_first:
         raise UsageError("another client may have been refused since; use --last --show, which asks for confirmation")
     fleet, folder = state_folder(config)
@@ -346,7 +351,7 @@ def revoke_certificate(
     if sum(given is not None for given in (what, bridge, gateway)) != 1:
         raise UsageError(
             "name a certificate, a bridge with --bridge, or a gateway with --gateway; "
-            "list them with: ua-fleet cert list"
+            f"list them with: ua-fleet cert list{config_option()}"
         )
     _, folder = state_folder(config)
     try:

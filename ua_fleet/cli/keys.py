@@ -14,6 +14,7 @@ from ua_fleet.cli.endings import NotFound, UsageError
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, load_config
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.errors import ConfigError, TopicInvalid
+from ua_fleet.printing import config_option
 from ua_fleet.topics import check_space
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def create(groups: Groups = None, config: Config = DEFAULT_CONFIG, as_json: Json
             else:
                 print_line(f"{group_id}  {path}")
     if not made:
-        message("nothing to do, all key files exist; new keys: ua-fleet keys rotate")
+        message(f"nothing to do, all key files exist; new keys: ua-fleet keys rotate{config_option()}")
 
 
 def rotate(
@@ -117,7 +118,9 @@ def rotate(
     with folder.exclusive():
         names = _checked(groups) or folder.groups()
         if not names:
-            raise NotFound(f"there are no key files in {folder.path}; make them with: ua-fleet keys create")
+            raise NotFound(
+                f"there are no key files in {folder.path}; make them with: ua-fleet keys create{config_option()}"
+            )
         try:
             files = [folder.read(group_id) for group_id in names]  # all or none
         except NoKeyFile as error:
@@ -155,7 +158,7 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
         print_table([("group", "policy", "tokens", "age", "next key", "rights"), *map(_cells, rows)])
     missing = [group_id for group_id in all_groups(fleet) if group_id not in {row["group"] for row in rows}]
     if missing:
-        message(f"without a key file: {', '.join(missing)}; make them with: ua-fleet keys create")
+        message(f"without a key file: {', '.join(missing)}; make them with: ua-fleet keys create{config_option()}")
     if problem is not None:
         raise problem
 

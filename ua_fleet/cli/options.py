@@ -50,8 +50,16 @@ DEFAULT_CONFIG: Final = Path("fleet.yaml")
 CONNECT_TIMEOUT_S: Final = 10.0
 DEFAULT_ENDPOINT: Final = "opc.tcp://127.0.0.1:4840/ua_fleet"
 
+
+def _about(path: Path) -> Path:
+    """Have all commands that are printed from here on name the file, those of a wrong usage too."""
+    config_option(path, DEFAULT_CONFIG)
+    return path
+
+
 Config = Annotated[
-    Path, typer.Option("--config", "-c", envvar="UA_FLEET_CONFIG", help="The fleet's configuration file.")
+    Path,
+    typer.Option("--config", "-c", envvar="UA_FLEET_CONFIG", help="The fleet's configuration file.", callback=_about),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, one object a line.")]
 Endpoint = Annotated[

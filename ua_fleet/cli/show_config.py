@@ -12,6 +12,7 @@ import typer
 from ua_fleet.cli.endings import NotFound
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json
 from ua_fleet.cli.output import print_json, print_table
+from ua_fleet.printing import config_option
 
 if TYPE_CHECKING:
     from ua_fleet.config.show import ShownSetting
@@ -58,7 +59,7 @@ def _wanted(found: list[ShownSetting], keys: list[str], config: Path) -> list[Sh
 
     for key in keys:
         if not any(setting.is_below(key) for setting in found):
-            hint = nearest_key(key, found) or "see all: ua-fleet config show"
+            hint = nearest_key(key, found) or f"see all: ua-fleet config show{config_option()}"
             raise NotFound(f"{config}: `{key}` has no value; {hint}")
     return [setting for setting in found if not keys or any(setting.is_below(key) for key in keys)]
 

@@ -14,6 +14,7 @@ from ua_fleet import __version__
 from ua_fleet.cli.endings import NotFound, UsageError
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, load_config
 from ua_fleet.cli.output import message, print_json, print_line
+from ua_fleet.printing import config_option
 
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
@@ -116,7 +117,10 @@ def _tell_what_to_do(fleet: FleetConfig, manifest: Manifest) -> None:
     if fleet.is_secured and fleet.pubsub.keys.from_server:
         message("keys of message security are made anew; start the server, then start all bridges and relays again")
     elif fleet.is_secured:
-        message("nothing is sent with the keys there are; make new ones before you start: ua-fleet keys rotate")
+        message(
+            "nothing is sent with the keys there are; make new ones before you start: "
+            f"ua-fleet keys rotate{config_option()}"
+        )
     if manifest.postgres:
         message(f"the history is in {manifest.postgres}; restore it with pg_restore, or leave it as it is")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import os
-import shlex
 import sys
 from asyncio.subprocess import Process
 from collections.abc import Callable, Coroutine, Sequence
@@ -20,7 +19,7 @@ from ua_fleet.cli.options import DEFAULT_CONFIG, Config, load_config
 from ua_fleet.cli.output import message
 from ua_fleet.cli.process import run
 from ua_fleet.cli.screen import ColorWhen, has_colours
-from ua_fleet.printing import harmless
+from ua_fleet.printing import config_option, harmless
 
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
@@ -61,7 +60,6 @@ def up(
 
 
 async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[str]) -> None:
-    option = "" if config == DEFAULT_CONFIG else f" -c {shlex.quote(str(config))}"
     await _introduce(fleet, folder, wanted)
     shown = _Shown(["server", *wanted])
 
@@ -69,7 +67,7 @@ async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[s
         reason = f": {ended.last}" if ended.last else ""
         message(
             f"{_kind_of(fleet, ended.name)} {ended.name} {ended.how}{reason}; the others go on; to start it again, in "
-            f"another terminal: ua-fleet {' '.join(_command_of(fleet, ended.name))}{option}"
+            f"another terminal: ua-fleet {' '.join(_command_of(fleet, ended.name))}{config_option()}"
         )
 
     server = _Running("server", shown)
@@ -78,7 +76,7 @@ async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[s
         await server.start([sys.executable, "-m", "ua_fleet.cli", "serve", "--config", str(config)])
         if (endpoint := await shown.while_read(server.ready())) is None:
             raise typer.Exit(server.code or EXIT_FAILED)
-        _tell_how_to_log_in(fleet, folder, option, endpoint)
+        _tell_how_to_log_in(fleet, folder, endpoint)
         for name in wanted:
             python = sys.executable if name in fleet.relays else _python_of(fleet.bridges[name].kind)
             if python is None:
@@ -104,12 +102,15 @@ async def _introduce(fleet: FleetConfig, folder: Path, wanted: Sequence[str]) ->
         return
     with extra_needed("the server", "server"):
         from ua_fleet.client import ClientIdentity
+        from ua_fleet.client.shared_certificate import why_not_its_own
         from ua_fleet.server.mutual_trust import introduce_bridge
 
     for name in wanted:
         if not ClientIdentity.of_bridge(folder / fleet.state_dir_of(name), fleet.fleet.name, name).certificate.exists():
             await introduce_bridge(fleet, folder, name)
             message(f"{_kind_of(fleet, name)} {name} has a certificate now, and the server knows it")
+        elif problem := why_not_its_own(fleet, folder, name):
+            message(f"{_kind_of(fleet, name)} {name} will get no keys: {problem}")
 
 
 def _kind_of(fleet: FleetConfig, name: str) -> str:
@@ -131,7 +132,7 @@ def _python_of(kind: str) -> str | None:
     return str(found) if found is not None else None
 
 
-def _tell_how_to_log_in(fleet: FleetConfig, folder: Path, option: str, endpoint: str) -> None:
+def _tell_how_to_log_in(fleet: FleetConfig, folder: Path, endpoint: str) -> None:
     from ua_fleet.endpoint.users import USERS_FILE, UserStore
 
     users = UserStore(folder / fleet.server.state_dir / USERS_FILE).list()
@@ -143,7 +144,7 @@ def _tell_how_to_log_in(fleet: FleetConfig, folder: Path, option: str, endpoint:
         message(f"in another terminal: ua-fleet browse -e {endpoint}")
     else:
         message(
-            f"no user exists yet; in another terminal: ua-fleet user add NAME --role operator{option}, "
+            f"no user exists yet; in another terminal: ua-fleet user add NAME --role operator{config_option()}, "
             f"and then: ua-fleet login {endpoint} --user NAME"
         )
 

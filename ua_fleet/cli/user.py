@@ -140,7 +140,10 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
     if users:
         print_table([("name", "role"), *((user.name, user.role.value) for user in users)])
     else:
-        message("no user exists, so no client can log in; add one with: ua-fleet user add NAME --role operator")
+        message(
+            "no user exists, so no client can log in; add one with: "
+            f"ua-fleet user add NAME --role operator{config_option()}"
+        )
 
 
 def remove(
@@ -151,7 +154,7 @@ def remove(
     """Remove a user of the server. The user cannot log in from now on."""
     store = _store(config)
     if name not in {user.name for user in store.list()}:
-        raise NotFound(f"there is no user {name}; list them with: ua-fleet user list")
+        raise NotFound(f"there is no user {name}; list them with: ua-fleet user list{config_option()}")
     store.remove(name)
     if as_json:
         print_json({"removed": name})
@@ -193,7 +196,7 @@ def logout(
     ended = [one for one in found if key in (None, one.id)]
     if not ended:
         which = f"no session key {key}" if key is not None else "no session keys"
-        raise NotFound(f"user {name} has {which}; list them with: ua-fleet user keys")
+        raise NotFound(f"user {name} has {which}; list them with: ua-fleet user keys{config_option()}")
     if key is None:
         stored.revoke_all(name, now)
     else:

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 from enum import Enum
 from typing import Any, Final
 
@@ -30,6 +32,12 @@ _INTEGERS: Final = {
 }
 _NAMED: Final = ua.LocalizedText | ua.StatusCode | ua.NodeId | ua.QualifiedName
 """Structures that stand for one text."""
+_NOT_FINITE: Final = ("nan", "inf", "infinity")
+_SIZES: Final = {ua.VariantType.Float: "<f", ua.VariantType.Double: "<d"}
+_NO_TIME: Final = datetime(1601, 1, 1, tzinfo=UTC)
+"""What is before it is encoded as no time at all (OPC 10000-6 5.2.2.5)."""
+_LAST_TIME: Final = datetime(9999, 12, 31, 23, 59, 59, tzinfo=UTC)
+"""What is after it is encoded as the end of all times."""
 _BOOLEANS: Final = {
     "true": True,
     "1": True,
@@ -62,10 +70,10 @@ def _scalar(text: str, kind: ua.VariantType) -> Any:
             if not low <= number <= high:
                 raise _mismatch(text, kind, f", which goes from {low} to {high}")
             return number
-        if kind in (ua.VariantType.Float, ua.VariantType.Double):
-            return float(text)
+        if kind in _SIZES:
+            return _number(text, kind)
         if kind is ua.VariantType.DateTime:
-            return datetime.fromisoformat(text)
+            return _time(text)
         if kind is ua.VariantType.ByteString:
             return bytes.fromhex(text)
     except (ValueError, KeyError):
@@ -73,6 +81,36 @@ def _scalar(text: str, kind: ua.VariantType) -> Any:
     if kind is ua.VariantType.String:
         return text
     raise AccessRefused(StatusCode.BAD_NOT_SUPPORTED, f"values of type {kind.name} cannot be given as text")
+
+
+def _number(text: str, kind: ua.VariantType) -> float:
+    """A number that stays one: no infinity unless it is written so, and no 0 out of a number that is too small."""
+    number = float(text)
+    if not math.isfinite(number) and text.strip().lower().lstrip("+-") in _NOT_FINITE:
+        return number
+    try:
+        (held,) = struct.unpack(_SIZES[kind], struct.pack(_SIZES[kind], number))
+    except OverflowError:
+        held = math.inf
+    if not math.isfinite(held):
+        raise _mismatch(text, kind, ", it is too large; give a smaller number, or inf")
+    if held == 0 and re.search("[1-9]", re.split("[eE]", text)[0]):
+        raise _mismatch(text, kind, ", it is too small; give 0")
+    return number
+
+
+def _time(text: str) -> datetime:
+    """A time of ISO 8601 in UTC, which it is without a zone, too."""
+    moment = datetime.fromisoformat(text)
+    try:
+        moment = moment.astimezone(UTC) if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
+        is_held = _NO_TIME <= moment <= _LAST_TIME
+    except OverflowError:
+        is_held = False
+    if not is_held:
+        limits = f"from {_NO_TIME:%Y-%m-%dT%H:%M:%SZ} to {_LAST_TIME:%Y-%m-%dT%H:%M:%SZ}"
+        raise _mismatch(text, ua.VariantType.DateTime, f", which goes {limits}")
+    return moment
 
 
 def parse_value(text: str, kind: ua.VariantType, *, array: bool) -> ua.Variant:
@@ -84,12 +122,15 @@ def parse_value(text: str, kind: ua.VariantType, *, array: bool) -> ua.Variant:
     if not array:
         return ua.Variant(_scalar(text, kind), kind)
     try:
-        elements: Any = json.loads(text)
+        # Numbers stay as they are written, so that none is another one, or another text.
+        elements: Any = json.loads(text, parse_int=str, parse_float=str, parse_constant=str)
     except json.JSONDecodeError:
         elements = None
     if not isinstance(elements, list):
         raise _mismatch(text, kind, " array; give it as JSON, such as [1, 2]")
     given: Sequence[Any] = elements
+    if any(element is None or isinstance(element, list | dict) for element in given):
+        raise _mismatch(text, kind, " array; give single values in it, and no null")
     texts = [element if isinstance(element, str) else json.dumps(element) for element in given]
     return ua.Variant([_scalar(element, kind) for element in texts], kind, is_array=True)
 

@@ -29,6 +29,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from ua_fleet.client.known_servers import KnownServers, Meeting
 from ua_fleet.errors import AccessRefused
+from ua_fleet.printing import config_option
 from ua_fleet.pubsub.application import bridge_application_uri
 from ua_fleet.storage.files import write_whole
 from ua_fleet.storage.user_folder import default_identity_folder
@@ -81,8 +82,8 @@ class ClientIdentity:
         """The identity of a bridge, in its own folder (`state_dir`)."""
         uri = bridge_application_uri(fleet_name, bridge_name)
         renewal = (
-            f"run: ua-fleet cert create --bridge {bridge_name} --renew, and on the server: "
-            f"ua-fleet cert trust --bridge {bridge_name} {folder / 'bridge.der'}"
+            f"run: ua-fleet cert create --bridge {bridge_name} --renew{config_option()}, and on the server: "
+            f"ua-fleet cert trust --bridge {bridge_name} {folder / 'bridge.der'}{config_option()}"
         )
         subject = f"ua-fleet bridge {bridge_name}"
         return cls(folder, name="bridge", application_uri=uri, subject=subject, renewal=renewal, bridge=bridge_name)
@@ -241,7 +242,7 @@ def _check_server_may_show(endpoint: str, certificate: bytes) -> None:
     if problem:
         remedy = "check the clocks of both machines"
         if problem.startswith("expired"):
-            remedy = "on the server run: ua-fleet cert create --renew, and restart it"
+            remedy = f"on the server run: ua-fleet cert create --renew{config_option()}, and restart it"
         raise AccessRefused(
             StatusCode.BAD_SECURITY_CHECKS_FAILED, f"the certificate of the server at {endpoint} {problem}; {remedy}"
         )

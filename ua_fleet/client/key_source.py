@@ -16,6 +16,7 @@ from asyncua.ua.uaerrors import UaStatusCodeError
 from ua_fleet.client.fleet_client import FleetClient
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.errors import AccessRefused, KeySourceUnavailable, KeysRefused, TransportError, UaFleetError
+from ua_fleet.printing import config_option
 from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.wire.security import SecurityPolicy
 
@@ -184,7 +185,7 @@ class ServiceKeySource:
             name = self._bridge_name
             return (
                 f"{self._endpoint} does not know bridge {name} by its certificate; on the server run: "
-                f"ua-fleet cert trust --bridge {name} {self._identity.certificate}"
+                f"ua-fleet cert trust --bridge {name} {self._identity.certificate}{config_option()}"
             )
         return str(error)
 

@@ -18,6 +18,7 @@ from cryptography import x509
 
 from ua_fleet.document import as_mapping
 from ua_fleet.errors import UPGRADE, AccessRefused, newer_version
+from ua_fleet.printing import config_option
 from ua_fleet.storage.files import write_whole
 from ua_fleet.values import StatusCode
 
@@ -53,7 +54,7 @@ class KnownServers:
     def __init__(self, path: Path, *, bridge: str = "") -> None:
         """Say where it is, and whose: a bridge's, or by default those of this user of the machine."""
         self._path = path
-        self._option = f" --bridge {bridge}" if bridge else ""
+        self._bridge = bridge
 
     def meet(self, endpoint: str, certificate: bytes) -> Meeting:
         """Hold a server's certificate against what it showed before; remember it at the first meeting.
@@ -73,11 +74,12 @@ class KnownServers:
         if not here or (is_another and _is_this_machine(endpoint)):
             self._save([*known, KnownServer(endpoint, uri, thumbprint)])
             return Meeting(is_first=True, others=tuple(server.application_uri for server in here))
+        option = f" --bridge {self._bridge}{config_option()}" if self._bridge else ""
         before = ", ".join(f"{server.application_uri} {server.thumbprint}".lstrip() for server in here)
         raise AccessRefused(
             StatusCode.BAD_SECURITY_CHECKS_FAILED,
             f"the server at {endpoint} shows another certificate ({uri} {thumbprint}) than before ({before}); "
-            f"if that is right, run: ua-fleet cert forget {endpoint}{self._option}",
+            f"if that is right, run: ua-fleet cert forget {endpoint}{option}",
         )
 
     def forget(self, endpoint: str) -> list[KnownServer]:

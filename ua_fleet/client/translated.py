@@ -15,6 +15,7 @@ from asyncua import ua
 from asyncua.ua.uaerrors import UaError, UaStatusCodeError
 
 from ua_fleet.errors import AccessRefused, NotConnected, SendTimeout, UaFleetError
+from ua_fleet.printing import config_option
 from ua_fleet.values import StatusCode
 
 __all__ = ["NodeNotFound", "quietly", "translated"]
@@ -22,13 +23,13 @@ __all__ = ["NodeNotFound", "quietly", "translated"]
 _LOG_IN: Final = "the server wants a user and a password; log in: ua-fleet login --user NAME"
 _REMEDIES: Final = {
     ua.StatusCodes.BadUserAccessDenied: "user or password is wrong, or the user's role does not allow this; "
-    "see: ua-fleet user list",
+    "see: ua-fleet user list{file}",
     ua.StatusCodes.BadIdentityTokenRejected: _LOG_IN,
     ua.StatusCodes.BadIdentityTokenInvalid: _LOG_IN,
     ua.StatusCodes.BadSecurityChecksFailed: "the server does not trust this client's certificate; "
-    "on the server run: ua-fleet cert trust --last --show",
+    "on the server run: ua-fleet cert trust --last --show{file}",
     ua.StatusCodes.BadCertificateUntrusted: "the server does not trust this client's certificate; "
-    "on the server run: ua-fleet cert trust --last --show",
+    "on the server run: ua-fleet cert trust --last --show{file}",
     ua.StatusCodes.BadServerTooBusy: "the server has too many requests; try again in some seconds",
     ua.StatusCodes.BadTcpServerTooBusy: "clients at this address use too much of the server without a login; "
     "try again in some seconds",
@@ -36,6 +37,7 @@ _REMEDIES: Final = {
     ua.StatusCodes.BadTypeMismatch: "the node has another type",
     ua.StatusCodes.BadOutOfRange: "the value is outside the node's range",
 }
+"""`{file}` is where a command needs the file of the fleet that it is about."""
 
 
 class NodeNotFound(UaFleetError):
@@ -78,7 +80,7 @@ class translated:  # noqa: N801  (reads like a function where it is used)
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
         if isinstance(error, UaStatusCodeError):
-            remedy = _REMEDIES.get(error.code)
+            remedy = _REMEDIES.get(error.code, "").format(file=config_option())
             name = ua.StatusCode(error.code).name
             text = f"{self._prefix}{name}" + (f": {remedy}" if remedy else "")
             if error.code in (ua.StatusCodes.BadNodeIdUnknown, ua.StatusCodes.BadNodeIdInvalid):
@@ -91,7 +93,7 @@ class translated:  # noqa: N801  (reads like a function where it is used)
         if isinstance(error, OSError):
             address = urlsplit(self._endpoint).netloc or self._endpoint
             raise NotConnected(
-                f"the server at {address} does not answer{_why(error)}; start it with: ua-fleet serve"
+                f"the server at {address} does not answer{_why(error)}; start it with: ua-fleet serve{config_option()}"
             ) from error
         if isinstance(error, UaError):
             raise NotConnected(f"{self._endpoint}: {error or type(error).__name__}") from error

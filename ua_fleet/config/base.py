@@ -24,9 +24,9 @@ FieldPath = Annotated[
 
 
 class Model(BaseModel, frozen=True):
-    """Base of all models of `fleet.yaml`: unknown keys are errors."""
+    """Base of all models of `fleet.yaml`: unknown keys are errors, and so are numbers that no float holds (`1e999`)."""
 
-    model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
 
 
 class ScalarType(StrEnum):

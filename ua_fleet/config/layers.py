@@ -67,6 +67,7 @@ def _set(document: Document, path: KeyPath, value: object, place: SourcePlace) -
     section[str(path[-1])] = value
     document.places[path] = place
     document.variables.pop(path, None)
+    document.texts.pop(path, None)
 
 
 def apply_environment(document: Document, environment: Mapping[str, str]) -> None:
@@ -78,7 +79,10 @@ def apply_environment(document: Document, environment: Mapping[str, str]) -> Non
         text = environment[variable]
         value = resolve_scalar(text) if text else text
         try:
-            _set(document, _path_of(name, document.data), value, SourcePlace("environment", key=variable))
+            path = _path_of(name, document.data)
+            _set(document, path, value, SourcePlace("environment", key=variable))
+            if not isinstance(value, str):
+                document.texts[path] = text
         except ConfigError as error:
             document.problems.append(error)
 

@@ -5,7 +5,6 @@ Each bridge, robot and data source is validated by itself, so that one mistake h
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -38,6 +37,7 @@ from ua_fleet.config.schema import (
 )
 from ua_fleet.config.source_schema import source_problems
 from ua_fleet.config.teleoperation_checks import check_setpoint_groups
+from ua_fleet.config.typed_texts import validated
 from ua_fleet.config.wording import explain
 from ua_fleet.document import MAX_BYTES, Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
@@ -86,8 +86,7 @@ class Loading:
     def model(self, model: type[_Model], data: Mapping[str, Any], path: KeyPath) -> _Model | None:
         """`data` as a model, or None after its problems were noted."""
         try:
-            # JSON is pydantic's one mode that is strict about scalars and yet takes lists and names of enumerations.
-            return model.model_validate_json(json.dumps(data), strict=True)
+            return validated(model, data, path, self._document)
         except ValidationError as error:
             for finding in explain(model, data, error.errors(include_url=False)):
                 where = (*path, *finding.path)

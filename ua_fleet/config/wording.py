@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails
 from ua_fleet.document import KeyPath
 from ua_fleet.names import closest, listed
 
-__all__ = ["ModelFinding", "choices", "explain", "fields_at"]
+__all__ = ["ModelFinding", "choices", "existing_path", "explain", "fields_at"]
 
 _NAME_RULE: Final = "a name begins with a letter; then letters, digits, _ and -, 64 at most"
 
@@ -205,7 +205,7 @@ def _value_finding(model: type[BaseModel], path: KeyPath, error: ErrorDetails) -
     return ModelFinding((), error["msg"][:1].lower() + error["msg"][1:])
 
 
-def _existing(data: Any, path: KeyPath) -> KeyPath:
+def existing_path(data: Any, path: KeyPath) -> KeyPath:
     """As much of a path as exists in the data: what follows are names that pydantic gives to branches of a union."""
     for position, step in enumerate(path):
         try:
@@ -220,7 +220,7 @@ def _within_union(model: type[BaseModel], data: Any, loc: KeyPath, *, is_missing
 
     Where a mapping is given and one branch is a model, that one was meant, whatever the others say.
     """
-    path = _existing(data, loc)
+    path = existing_path(data, loc)
     rest = loc[len(path) :]
     if not rest or (is_missing and len(rest) == 1):
         return loc
@@ -253,7 +253,7 @@ def explain(model: type[BaseModel], data: Mapping[str, Any], errors: Iterable[Er
         elif loc and loc[-1] == "[key]":
             finding = ModelFinding(loc[:-1], f"`{_shown(loc[-2])}` is not allowed as a name", _NAME_RULE)
         else:
-            path = _existing(data, loc)
+            path = existing_path(data, loc)
             if path in findings or path != loc:  # a union: each of its branches complains
                 field = _field_of(model, path)
                 union = ModelFinding(path, "must be a single value: true or false, a number or a text")

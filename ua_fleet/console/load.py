@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from ua_fleet.config.load import read_content
+from ua_fleet.config.typed_texts import validated
 from ua_fleet.config.wording import explain
 from ua_fleet.console.settings import ConsoleSettings
 from ua_fleet.document import Document, read_document
@@ -36,7 +36,7 @@ def load_settings(path: Path | None, given: Mapping[str, Any]) -> ConsoleSetting
     data.pop("version", None)
     data["fleets"] = {**(document.data.get("fleets") or {}), **given.get("fleets", {})}
     try:
-        settings = ConsoleSettings.model_validate_json(json.dumps(data), strict=True)
+        settings = validated(ConsoleSettings, data, (), document)
     except ValidationError as error:
         for finding in explain(ConsoleSettings, data, error.errors(include_url=False)):
             document.problem(finding.path, finding.message, finding.suggestion)

@@ -131,9 +131,11 @@ class CertificateInfo:
         if self.state is CertificateState.BRIDGE:
             return f"ua-fleet cert create --bridge {self.bridge} --renew --trust{config_option()}"
         if self.state is CertificateState.GATEWAY:
-            return f"its owner has to renew it; then: ua-fleet cert trust --gateway {self.gateway} FILE"
+            return (
+                f"its owner has to renew it; then: ua-fleet cert trust --gateway {self.gateway} FILE{config_option()}"
+            )
         if self.state is not CertificateState.OWN:
-            return "its owner has to renew it; then: ua-fleet cert trust FILE"
+            return f"its owner has to renew it; then: ua-fleet cert trust FILE{config_option()}"
         if self.path.stem == "server":
             return f"ua-fleet cert create --renew{config_option()}, then restart the server"
         return f"ua-fleet cert create --client {self.path.stem} --renew{config_option()}"
@@ -390,7 +392,7 @@ def _find(state_dir: Path, what: str | Path, states: Sequence[CertificateState])
     if count != 1:
         kind = "rejected" if states[0] is CertificateState.REJECTED else "trusted"
         problem = f"{count} {kind} certificates begin with" if matches else "no file and no thumbprint:"
-        raise CertificateError(f"{problem} {what}; list them with: ua-fleet cert list")
+        raise CertificateError(f"{problem} {what}; list them with: ua-fleet cert list{config_option()}")
     return load_certificate(matches[0].path), [info.path for info in matches]
 
 
@@ -444,7 +446,7 @@ def trust_bridge(state_dir: Path, name: str, what: str | Path) -> CertificateInf
         if info.bridge != name:
             raise CertificateError(
                 f"bridge {info.bridge} is known by this certificate; make one for {name} with: "
-                f"ua-fleet cert create --bridge {name}"
+                f"ua-fleet cert create --bridge {name}{config_option()}"
             )
     folder = certificates_folder(state_dir) / CertificateState.BRIDGE
     return _move(certificate, sources, folder / f"{name}.der", CertificateState.BRIDGE)
@@ -475,7 +477,7 @@ def revoke(state_dir: Path, what: str | Path) -> CertificateInfo:
     certificate, _ = _find(state_dir, what, states)
     sources = [info.path for info in _places_of(state_dir, certificate, states)]
     if not sources:
-        raise CertificateError(f"{what} is not trusted; list what is with: ua-fleet cert list")
+        raise CertificateError(f"{what} is not trusted; list what is with: ua-fleet cert list{config_option()}")
     return _reject(certificate, sources, state_dir)
 
 
@@ -483,7 +485,9 @@ def revoke_bridge(state_dir: Path, name: str) -> CertificateInfo:
     """Know a bridge by no certificate any more; it stands in `rejected/` then."""
     path = certificates_folder(state_dir) / CertificateState.BRIDGE / f"{name}.der"
     if not path.exists():
-        raise CertificateError(f"bridge {name} is known by no certificate; list them with: ua-fleet cert list")
+        raise CertificateError(
+            f"bridge {name} is known by no certificate; list them with: ua-fleet cert list{config_option()}"
+        )
     return _reject(load_certificate(path), [path], state_dir)
 
 
@@ -491,7 +495,7 @@ def revoke_gateway(state_dir: Path, name: str) -> CertificateInfo:
     """Trust the certificate of a gateway no longer; it stands in `rejected/` then."""
     found = [info for info in list_certificates(state_dir) if info.gateway == name]
     if not found:
-        raise CertificateError(f"there is no gateway {name}; list them with: ua-fleet cert list")
+        raise CertificateError(f"there is no gateway {name}; list them with: ua-fleet cert list{config_option()}")
     return revoke(state_dir, found[0].path)
 
 

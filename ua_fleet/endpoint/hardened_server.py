@@ -24,12 +24,13 @@ from ua_fleet.endpoint.audit.log import LOG_FILE
 from ua_fleet.endpoint.audit.syslog_message import parse_destination
 from ua_fleet.endpoint.audit.syslog_sender import SyslogSender, tls_context
 from ua_fleet.endpoint.bridge_trust import BridgeTrust
-from ua_fleet.endpoint.certificates import ensure_application_certificate
+from ua_fleet.endpoint.certificates import ensure_application_certificate, load_certificate
 from ua_fleet.endpoint.context import EndpointContext, NodeGate, Statistics
 from ua_fleet.endpoint.diagnostics import Diagnostics
 from ua_fleet.endpoint.kept_events import EventKeeper
 from ua_fleet.endpoint.limits import CHUNK_BYTES, EndpointLimits
 from ua_fleet.endpoint.listener import EndpointListener
+from ua_fleet.endpoint.named_hosts import warn_of_missing_hosts
 from ua_fleet.endpoint.node_builder import nodes_of, paused_collection, release_collection
 from ua_fleet.endpoint.queues import Queues
 from ua_fleet.endpoint.server_methods import ServerMethods
@@ -47,6 +48,7 @@ from ua_fleet.endpoint.subscriptions import SubscriptionRegistry
 from ua_fleet.endpoint.trust import TrustList
 from ua_fleet.endpoint.users import USERS_FILE, Role, User, UserStore
 from ua_fleet.errors import ServerStartError
+from ua_fleet.printing import config_option
 from ua_fleet.storage.files import make_private_folder
 from ua_fleet.transport.addresses import host_and_port
 
@@ -212,11 +214,15 @@ def _warn(context: EndpointContext) -> None:
     if context.bridges is not None and (unknown := context.bridges.unknown):
         _log.warning(
             "no certificate is trusted for some bridges, so they get no keys; "
-            "run: ua-fleet cert create --bridge NAME --trust, or ua-fleet cert trust --bridge NAME FILE",
+            f"run: ua-fleet cert create --bridge NAME --trust{config_option()}, "
+            f"or ua-fleet cert trust --bridge NAME FILE{config_option()}",
             bridges=", ".join(unknown),
         )
     if not context.users.list() and not context.allow_anonymous:
-        _log.warning("no user exists yet; add a user with: ua-fleet user add NAME", file=str(context.users.path))
+        _log.warning(
+            f"no user exists yet; add a user with: ua-fleet user add NAME{config_option()}",
+            file=str(context.users.path),
+        )
 
 
 def _audit_log(config: AuditConfig, state_dir: Path, files_dir: Path) -> AuditLog:
@@ -279,6 +285,7 @@ async def create_server(
     session_keys = SessionKeys(state_dir / KEYS_FILE, store, config.max_session_key_days * DAY_S)
     session_keys.check()
     files = ensure_application_certificate(state_dir, application_uri, [config.host])
+    warn_of_missing_hosts(load_certificate(files.certificate), config.host)
     trust = TrustList(state_dir, trust_all=config.trust_all_clients, bridges=bridges)
     server = HardenedServer()
     server.name = "ua_fleet"

@@ -22,6 +22,7 @@ from ua_fleet.endpoint.session_keys import KeyFileError
 from ua_fleet.endpoint.signatures import check_signature
 from ua_fleet.endpoint.stack import Refusal, StatusCodes
 from ua_fleet.endpoint.users import ANONYMOUS, User, UserFileError
+from ua_fleet.printing import config_option
 
 __all__ = ["identify"]
 
@@ -115,7 +116,8 @@ def _bridge(
         context.trust.reject(certificate, address)
         raise Refusal(
             StatusCodes.BadIdentityTokenRejected,
-            f"no bridge is known by certificate {mark}; bind it with: ua-fleet cert trust --bridge NAME {mark}",
+            f"no bridge is known by certificate {mark}; bind it with: "
+            f"ua-fleet cert trust --bridge NAME {mark}{config_option()}",
         )
     return User.of_bridge(name)
 

@@ -35,6 +35,7 @@ from ua_fleet.endpoint.certificates import (
 from ua_fleet.endpoint.fingerprints import fingerprint_of
 from ua_fleet.endpoint.rejected import RejectedCertificates
 from ua_fleet.errors import ServerStartError, UaFleetError
+from ua_fleet.printing import config_option
 from ua_fleet.storage.files import make_private_folder, open_to_others
 from ua_fleet.validity import Validity
 
@@ -273,7 +274,7 @@ class TrustList:
             shown = thumbprint(certificate)[:12]
             bridge = self._bridge_of(certificate)
             as_bridge = f"--bridge {bridge} " if bridge else ""
-            remedy = f"compare its thumbprint, then run: ua-fleet cert trust {as_bridge}{shown}"
+            remedy = f"compare its thumbprint, then run: ua-fleet cert trust {as_bridge}{shown}{config_option()}"
             raise CertificateRefused(UNTRUSTED, f"{_named(certificate)} is not trusted; {remedy}")
 
     def _check_made_well(self, certificate: x509.Certificate) -> bool:
@@ -324,9 +325,8 @@ class TrustList:
             remedy = "check the clocks of both machines"
             if problem.startswith("expired"):
                 bridge = self._bridge_of(certificate)
-                remedy = (
-                    f"run: ua-fleet cert create --bridge {bridge} --renew" if bridge else "its owner has to renew it"
-                )
+                again = f"run: ua-fleet cert create --bridge {bridge} --renew{config_option()}"
+                remedy = again if bridge else "its owner has to renew it"
             raise CertificateRefused(time_status, f"{_named(certificate)} {problem}; {remedy}")
 
     def _chain_trusted(self, chain: list[x509.Certificate]) -> bool:

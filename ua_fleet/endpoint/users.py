@@ -30,6 +30,7 @@ import yaml
 
 from ua_fleet.endpoint.key_text import looks_like_key
 from ua_fleet.errors import UPGRADE, ServerStartError, UaFleetError, newer_version
+from ua_fleet.printing import config_option
 from ua_fleet.storage.files import write_whole
 from ua_fleet.storage.private_file import exclusive, not_private, signature_of
 from ua_fleet.values import StatusCode
@@ -263,7 +264,7 @@ class UserStore:
             reason = str(error).replace("\n", " ")
             raise UserFileError(
                 f"{self._path}: is no users file ({type(error).__name__}: {reason}); "
-                f"move it away and add the users again with: ua-fleet user add NAME"
+                f"move it away and add the users again with: ua-fleet user add NAME{config_option()}"
             ) from error
         raise UserFileError(f"{self._path}: {newer}; {UPGRADE}")
 
@@ -277,7 +278,9 @@ class UserStore:
         with exclusive(self._path):
             self.refresh()
             if name in self._entries and not replace_existing:
-                raise UserFileError(f"user {name} exists; remove it first with: ua-fleet user remove {name}")
+                raise UserFileError(
+                    f"user {name} exists; remove it first with: ua-fleet user remove {name}{config_option()}"
+                )
             self._write({**self._entries, name: entry})
         return entry.user
 
@@ -286,7 +289,7 @@ class UserStore:
         with exclusive(self._path):
             self.refresh()
             if name not in self._entries:
-                raise UserFileError(f"there is no user {name}; list them with: ua-fleet user list")
+                raise UserFileError(f"there is no user {name}; list them with: ua-fleet user list{config_option()}")
             self._write({key: entry for key, entry in self._entries.items() if key != name})
 
     def list(self) -> tuple[User, ...]:

@@ -9,6 +9,7 @@ from typing import Final
 
 from ua_fleet.errors import ConfigError, KeysRefused
 from ua_fleet.keys.source import CURRENT_TOKEN
+from ua_fleet.printing import config_option
 from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.storage.key_files import FileStamp, KeyFile, KeyFolder, NoKeyFile
 from ua_fleet.wire.security import SecurityPolicy
@@ -86,7 +87,7 @@ class FileKeySource:
                 f"is {key_file.policy.short_name}, and fleet.yaml says {self._policy.short_name}",
                 file=str(self._folder.path_of(group_id)),
                 key="policy",
-                suggestion=f"move the file away and run: ua-fleet keys create {group_id}",
+                suggestion=f"move the file away and run: ua-fleet keys create {group_id}{config_option()}",
             )
         if known is not None or len(self._read) < _MOST_KEPT:
             self._read[group_id] = stamp, key_file

@@ -8,6 +8,8 @@ import secrets
 from pathlib import Path
 from typing import Final
 
+from ua_fleet.printing import config_option
+
 __all__ = ["UNFINISHED", "make_private_folder", "open_to_others", "sync_folder", "unfinished_restore", "write_whole"]
 
 UNFINISHED: Final = ".restoring"
@@ -97,4 +99,4 @@ def unfinished_restore(folder: Path) -> str:
     """Why no process may use a folder with state in which a restore was killed; empty where none was."""
     if not (folder / UNFINISHED).exists():
         return ""
-    return f"{folder}: a restore did not end; do it again: ua-fleet state restore FILE"
+    return f"{folder}: a restore did not end; do it again: ua-fleet state restore FILE{config_option()}"

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 from ua_fleet.errors import UPGRADE, ConfigError, newer_version
+from ua_fleet.printing import config_option
 from ua_fleet.storage.files import make_private_folder, write_whole
 from ua_fleet.wire.security import SecurityPolicy
 
@@ -130,7 +131,9 @@ class KeyFolder:
         except OSError as error:
             reason = (error.strerror or "it").lower()
             raise ConfigError(
-                f"cannot be entered: {reason}", file=str(self.path), suggestion="run: ua-fleet keys create"
+                f"cannot be entered: {reason}",
+                file=str(self.path),
+                suggestion=f"run: ua-fleet keys create{config_option()}",
             ) from error
         _check_rights(self.path, status, 0o700)
 
@@ -213,7 +216,9 @@ def _check_rights(path: Path, status: os.stat_result, wanted: int) -> None:
 def _unreadable(path: Path, error: OSError) -> ConfigError:
     if isinstance(error, FileNotFoundError):
         return NoKeyFile(
-            "there is no such key file", file=str(path), suggestion=f"run: ua-fleet keys create {path.stem}"
+            "there is no such key file",
+            file=str(path),
+            suggestion=f"run: ua-fleet keys create {path.stem}{config_option()}",
         )
     reason = (error.strerror or "it").lower()
     remedy = f"run: chown {os.geteuid()} {path}" if isinstance(error, PermissionError) else ""
@@ -294,7 +299,9 @@ class _Parser:
                 "cannot be read as JSON", file=str(self._path), line=line, suggestion="take it from a backup"
             ) from None
         if not isinstance(document, dict):
-            raise self._problem("", "is no key file", f"move it away and run: ua-fleet keys create {self._group_id}")
+            raise self._problem(
+                "", "is no key file", f"move it away and run: ua-fleet keys create {self._group_id}{config_option()}"
+            )
         return cast("dict[str, Any]", document)
 
     def _only(self, mapping: Mapping[str, Any], place: str, names: tuple[str, ...]) -> None:

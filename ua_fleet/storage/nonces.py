@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ua_fleet.errors import UPGRADE, ConfigError, newer_version
+from ua_fleet.printing import config_option
 from ua_fleet.pubsub.security.nonces import NoncesUnavailable
 from ua_fleet.storage.files import make_private_folder, write_whole
 
@@ -28,7 +29,6 @@ MOST_TOKENS: Final = 32
 """Tokens that are kept of each group, the latest ones."""
 MAX_BYTES: Final = 4 * 1024 * 1024
 _NAME: Final = "nonces.json"
-_REMEDY: Final = "make new keys (ua-fleet keys rotate, or InvalidateKeys of the key service), then remove this file"
 
 
 @dataclass(slots=True)
@@ -118,7 +118,12 @@ class FileNonces:
             if not newer:
                 return _groups_of(document)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-            raise ConfigError("is no file of reserved nonces", file=str(self._path), suggestion=_REMEDY) from None
+            raise ConfigError(
+                "is no file of reserved nonces",
+                file=str(self._path),
+                suggestion=f"make new keys (ua-fleet keys rotate{config_option()}, or InvalidateKeys of the key "
+                "service), then remove this file",
+            ) from None
         raise ConfigError(newer, file=str(self._path), suggestion=UPGRADE)
 
     def _write(self, groups: dict[str, _Group]) -> None:

@@ -6,6 +6,7 @@ from ua_bridges.ros.skills import skill_specs
 from ua_fleet.bridge.driver import Driver
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import BridgeUnavailable
+from ua_fleet.printing import config_option
 
 __all__ = ["create_driver"]
 
@@ -22,7 +23,7 @@ def create_driver(config: FleetConfig, bridge_name: str) -> Driver:
     except ImportError as error:
         raise BridgeUnavailable(
             f"rospy cannot be imported ({error}); ROS 1 has an environment of its own (docs/install.md), in a clone: "
-            f".venv-ros1/bin/ua-fleet bridge {bridge_name}"
+            f".venv-ros1/bin/ua-fleet bridge {bridge_name}{config_option()}"
         ) from error
     specs = skill_specs(config, bridge_name)
     return SkilledRos1Driver(config, bridge_name, specs) if specs else Ros1Driver(config, bridge_name)

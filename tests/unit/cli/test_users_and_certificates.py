@@ -454,3 +454,51 @@ def test_a_command_that_is_printed_is_about_the_same_fleet(invoke: Invoke, tmp_p
     assert invoke("cert", "create", "-c", "hall 2.yaml").code == 0
     [own] = certificates.list_certificates(tmp_path / "state")
     assert own.renewal == "ua-fleet cert create --renew -c 'hall 2.yaml', then restart the server"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["user", "list"], "ua-fleet user add NAME --role operator"),
+        (["user", "remove", "anna"], "ua-fleet user list"),
+        (["cert", "trust"], "ua-fleet cert list"),
+        (["cert", "revoke"], "ua-fleet cert list"),
+        (["cert", "revoke", "--bridge", "floor"], "ua-fleet cert list"),
+        (["cert", "create", "--bridge", "cell"], "ua-fleet cert trust --bridge cell {state}/bridges/cell/bridge.der"),
+    ],
+)
+def test_a_printed_command_names_the_file_that_the_command_was_given(
+    invoke: Invoke, fleet: Path, words: list[str], told: str
+) -> None:
+    file = fleet.with_name("hall2.yaml")
+    file.write_text(fleet.read_text())
+    ended = invoke(*words, "-c", str(file))
+    assert f": {told.format(state=fleet.parent / 'state')} -c {file}\n" in ended.stderr
+
+
+@pytest.mark.parametrize("options", [(), ("--trust",), ("--renew",), ("--trust", "--renew")])
+def test_two_bridges_with_one_folder_do_not_share_a_certificate(
+    invoke: Invoke, tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    """The second one got that of the first, and renewed with --trust, the server knew the first no more."""
+    (tmp_path / "fleet.yaml").write_text(
+        "version: 1\npubsub: {security: sign_and_encrypt}\nbridges:\n"
+        "  cell: {kind: ros1, status_id: 1, state_dir: shared}\n"
+        "  floor: {kind: ros2, space: 7, status_id: 2, state_dir: shared}\n"
+    )
+    assert invoke("cert", "create", "--bridge", "cell", "--trust").code == 0
+    folders = (tmp_path / "shared", tmp_path / "state" / "certificates")
+    before = {path: path.read_bytes() for folder in folders for path in folder.rglob("*.der")}
+    ended = invoke("cert", "create", "--bridge", "floor", *options)
+    assert (ended.code, ended.stdout) == (2, "")
+    assert f"{tmp_path}/shared/bridge.der: is the certificate of cell" in ended.stderr
+    assert ended.stderr.endswith("; give floor a state_dir of its own in fleet.yaml\n")
+    assert {path: path.read_bytes() for folder in folders for path in folder.rglob("*.der")} == before
+    assert invoke("cert", "create", "--bridge", "cell", "--trust", "--renew").code == 0
+
+
+def test_a_bridge_that_was_renamed_keeps_its_certificate(invoke: Invoke, fleet: Path) -> None:
+    assert invoke("cert", "create", "--bridge", "cell", "--trust").code == 0
+    text = fleet.read_text().replace("cell: {", "hall: {state_dir: state/bridges/cell, ")
+    fleet.write_text(text.replace("bridge: cell", "bridge: hall"))
+    assert invoke("cert", "create", "--bridge", "hall").code == 0

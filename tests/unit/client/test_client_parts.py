@@ -68,6 +68,72 @@ def test_a_text_becomes_a_value_of_the_nodes_type(text: str, kind: ua.VariantTyp
     assert (variant.Value, variant.VariantType) == (value, kind)
 
 
+@pytest.mark.parametrize(
+    ("text", "kind", "said"),
+    [
+        ("1600-12-31T23:59:59Z", ua.VariantType.DateTime, "goes from 1601-01-01T00:00:00Z to 9999-12-31T23:59:59Z"),
+        ("1500-01-01", ua.VariantType.DateTime, "goes from"),
+        ("1601-01-01T00:30:00+01:00", ua.VariantType.DateTime, "goes from"),
+        ("0001-01-01T00:00:00+10:00", ua.VariantType.DateTime, "goes from"),
+        ("9999-12-31T23:59:59.5Z", ua.VariantType.DateTime, "goes from"),
+        ("9999-12-31T23:59:59-05:00", ua.VariantType.DateTime, "goes from"),
+        ("10000-01-01T00:00:00Z", ua.VariantType.DateTime, "give a time like"),
+        ("1e999", ua.VariantType.Double, "too large"),
+        ("-1e999", ua.VariantType.Double, "too large"),
+        ("9" * 400, ua.VariantType.Double, "too large"),
+        ("1e39", ua.VariantType.Float, "too large"),
+        ("-3.4028236e38", ua.VariantType.Float, "too large"),
+        ("1e-400", ua.VariantType.Double, "too small"),
+        ("-0.1e-60", ua.VariantType.Float, "too small"),
+        ("-129", ua.VariantType.SByte, "goes from -128 to 127"),
+        ("nan", ua.VariantType.Int32, "whole number"),
+        ("", ua.VariantType.Double, "give a number"),
+        ("", ua.VariantType.Int64, "whole number"),
+        ("", ua.VariantType.Boolean, "true or false"),
+        ("", ua.VariantType.DateTime, "give a time"),
+    ],
+)
+def test_what_would_become_another_value_is_refused(text: str, kind: ua.VariantType, said: str) -> None:
+    for given, array in ((text, False), (json.dumps([text]), True)):
+        with pytest.raises(AccessRefused, match=said) as refused:
+            parse_value(given, kind, array=array)
+        assert refused.value.ua_status == StatusCode.BAD_TYPE_MISMATCH
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "value"),
+    [
+        ("1601-01-01T00:00:00Z", ua.VariantType.DateTime, datetime(1601, 1, 1, tzinfo=UTC)),
+        ("9999-12-31T23:59:59Z", ua.VariantType.DateTime, datetime(9999, 12, 31, 23, 59, 59, tzinfo=UTC)),
+        ("2026-01-02T03:04:05+02:00", ua.VariantType.DateTime, datetime(2026, 1, 2, 1, 4, 5, tzinfo=UTC)),
+        ("2026-01-02", ua.VariantType.DateTime, datetime(2026, 1, 2, tzinfo=UTC)),
+        ("inf", ua.VariantType.Double, math.inf),
+        ("-Infinity", ua.VariantType.Float, -math.inf),
+        ("3.4028235e38", ua.VariantType.Float, 3.4028235e38),
+        ("0e-999", ua.VariantType.Float, 0.0),
+        ("-0.0", ua.VariantType.Double, 0.0),
+    ],
+)
+def test_what_a_type_can_hold_is_taken(text: str, kind: ua.VariantType, value: Any) -> None:
+    assert parse_value(text, kind, array=False).Value == value
+
+
+def test_not_a_number_is_what_was_written() -> None:
+    assert math.isnan(parse_value("nan", ua.VariantType.Double, array=False).Value)
+    numbers = parse_value("[NaN, -Infinity]", ua.VariantType.Double, array=True).Value
+    assert (math.isnan(numbers[0]), numbers[1]) == (True, -math.inf)
+
+
+@pytest.mark.parametrize("text", ["[null]", "[[1]]", '["a", {"b": 1}]'])
+def test_what_is_no_single_value_is_no_text_of_an_array(text: str) -> None:
+    with pytest.raises(AccessRefused, match="single values"):
+        parse_value(text, ua.VariantType.String, array=True)
+
+
+def test_numbers_among_texts_stay_as_they_are_written() -> None:
+    assert parse_value('["a", 1e2, 1.50]', ua.VariantType.String, array=True).Value == ["a", "1e2", "1.50"]
+
+
 def test_an_array_is_json() -> None:
     variant = parse_value("[1, 2.5]", ua.VariantType.Double, array=True)
     assert (variant.Value, variant.is_array) == ([1.0, 2.5], True)

@@ -682,6 +682,57 @@ def test_a_missing_variable_is_told_once(tmp_path: Path) -> None:
     assert accepted(tmp_path, HEAD + "server:\n  port: ${PORT}\n", {"PORT": "77"}).server.port == 77
 
 
+@pytest.mark.parametrize("text", ["0123", "1e5", "true", "null", "~", "0x10", "1.50", "1e999", "-7"])
+def test_a_text_of_the_environment_stays_one_where_a_text_is_wanted(tmp_path: Path, text: str) -> None:
+    """What looks like a number was refused, with another text in the message: `1e5` was 100000.0."""
+    fleet = "version: 1\npubsub:\n  security: none\n  url: mqtt://127.0.0.1:1883\n  broker:\n    user: "
+    for written, environment in (("${U}", {"U": text}), ("x", {"UA_FLEET__PUBSUB__BROKER__USER": text})):
+        config = accepted(tmp_path, f"{fleet}{written}\n", environment)
+        assert config.pubsub.broker is not None
+        assert config.pubsub.broker.user == text
+
+
+def test_a_value_of_the_environment_is_what_its_key_wants(tmp_path: Path) -> None:
+    text = (
+        ROBOT.replace("    data:\n", "    description: ${D}\n")
+        + "server:\n  state_dir: ${S}\n  port: ${P}\n  allow_anonymous: ${A}\n  host: x\n"
+    )
+    environment = {"D": "0123", "S": "2026", "P": "0123", "A": "true", "UA_FLEET__SERVER__HOST": "10"}
+    config = accepted(tmp_path, text, environment)
+    assert (config.robots["ned"].description, str(config.server.state_dir)) == ("0123", "2026")
+    assert (config.server.port, config.server.allow_anonymous, config.server.host) == (123, True, "10")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("1e999", "must be a whole number, not `inf`"),
+        ("true", "must be a whole number, not `true`"),
+        ("99999", "must be at most 65535, not 99999"),
+    ],
+)
+def test_what_is_no_number_of_the_environment_is_told_as_it_is(tmp_path: Path, given: str, said: str) -> None:
+    assert problems(tmp_path, HEAD + "server:\n  port: ${PORT}\n", {"PORT": given}) == [f"F:4:server.port: {said}"]
+
+
+@pytest.mark.parametrize("written", ["1e999", "-1e999"])
+def test_a_number_that_is_too_large_is_not_taken_as_infinity(tmp_path: Path, written: str) -> None:
+    shown = written.replace("1e999", "inf")
+    assert problems(tmp_path, HEAD + f"server:\n  analog_rate_hz: {written}\n") == [
+        f"F:4:server.analog_rate_hz: must be a finite number, not `{shown}`"
+    ]
+
+
+def test_nothing_stays_nothing_where_no_text_is_wanted(tmp_path: Path) -> None:
+    text = (
+        "version: 1\npubsub:\n  security: none\n  url: mqtt://127.0.0.1:1883\n  broker:\n    answer_timeout_s: ${T}\n"
+    )
+    for given in ("null", ""):
+        broker = accepted(tmp_path, text, {"T": given}).pubsub.broker
+        assert broker is not None
+        assert broker.answer_timeout_s is None
+
+
 class Counting(dict[Any, Any]):
     """Counts how often all of it was gone through."""
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import FleetModel, RobotModel
-from ua_fleet.printing import utc_text
+from ua_fleet.printing import config_option, utc_text
 from ua_fleet.values import NodeId
 
 __all__ = ["BridgesSeen"]
@@ -75,7 +75,10 @@ class BridgesSeen:
             return ""
         bridge = known.bridge
         if (since := self._away.get(bridge)) is not None:
-            return f"its bridge {bridge} is not there since {utc_text(since)}; run it: ua-fleet bridge {bridge}"
+            return (
+                f"its bridge {bridge} is not there since {utc_text(since)}; run it: "
+                f"ua-fleet bridge {bridge}{config_option()}"
+            )
         if bridge in self._apart:
             return f"its bridge {bridge} is there, and does not reach it; see to the robot, and to the network between"
         return f"its bridge {bridge} is there; see to the robot"

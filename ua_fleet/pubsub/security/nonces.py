@@ -15,6 +15,7 @@ from struct import Struct
 from typing import Final, Protocol
 
 from ua_fleet.errors import UaFleetError
+from ua_fleet.printing import config_option
 from ua_fleet.pubsub.security.replay import PAGE
 
 __all__ = [
@@ -148,6 +149,6 @@ class NonceSequence:
         if first > LAST_NUMBER:
             raise NoncesUnavailable(
                 f"the nonces of token {self.token_id} of {self._group_id} are used up; make new keys: "
-                f"ua-fleet keys rotate {self._group_id}"
+                f"ua-fleet keys rotate {self._group_id}{config_option()}"
             )
         return first

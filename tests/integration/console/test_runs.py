@@ -10,7 +10,7 @@ from tests.integration.console.harness import Browser, Live, console_at
 from tests.integration.scenarios.conftest import Plant
 
 SCENARIO = """\
-  - {task: one, skill: work, robot: left, arguments: {seconds: 0.3}}
+  - {task: one, skill: work, robot: left, arguments: {seconds: 1}}
   - parallel:
       - {task: two, skill: work, robot: middle}
       - {task: three, skill: work, robot: right}
@@ -43,7 +43,11 @@ async def test_a_run_is_seen_from_its_start_to_its_end(plant: Plant) -> None:
         await live.want("runs", "runs")
         await live.until(lambda: "runs" in live.feeds)
         run = (await browser.ask("scenario.run", scenario="three")).json()["result"]["run"]
+        paused = await browser.ask("run.pause", run=run)  # what has happened before a page asks it is not told
+        assert paused.status_code == 200
         await live.want("run", "run", run=run)
+        await live.until(lambda: "outline" in live.feeds.get("run", {}))
+        await browser.ask("run.resume", run=run)
         await live.until(lambda: live.feeds.get("run", {}).get("run", {}).get("state") == "done")
         await live.until(lambda: live.feeds["runs"].get(run, {}).get("state") == "done")
         feed = live.feeds["run"]

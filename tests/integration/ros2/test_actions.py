@@ -211,8 +211,10 @@ async def test_server_that_does_not_cancel_is_logged_once_and_told_again(ros2: R
             await skilled.until_at_it(execution_id)
             skilled.halt(TURN, execution_id)
             assert await skilled.end(execution_id) == ExecutionEnded(execution_id, 0, (359.0,))
-    (said,) = [entry for entry in logs if "does not cancel" in entry["event"]]
-    assert (said["action"], said["reason"], said["skill"]) == ("/turn", "refused", "carrier.turn")
+    said = [entry for entry in logs if "does not cancel" in entry["event"]]
+    # The last word may come to it when it has just done its goal: another answer, which is logged as well.
+    assert [one["reason"] for one in said if one["reason"] != "the goal has ended"] == ["refused"]
+    assert {(one["action"], one["skill"]) for one in said} == {("/turn", "carrier.turn")}
     assert turner.lines.count("is to cancel") > 1
 
 

@@ -186,8 +186,7 @@ async def test_an_engineer_disables_what_a_bridge_sends_and_enables_it(
         with pytest.raises(ua.UaStatusCodeError, match="BadInvalidState"):
             await switch(client, key, "Enable")
         await switch(client, key, "Disable")
-        shown = await state()
-        assert shown.Value.Value == (DISABLED if key == SPEED_WRITER else PAUSED)
+        await until(state, lambda data: data.Value.Value == (DISABLED if key == SPEED_WRITER else PAUSED))
         assert await value(client, f"{key}.Status.State") == DISABLED
         counted = reader(client, f"{BRIDGE}.W2.Diagnostics.Counters.StateDisabledByMethod")
         await until(speed, lambda data: not data.StatusCode.is_good())

@@ -344,6 +344,7 @@ class CarriedRuns:
         asked.is_heard, asked.has_token = True, bool(values[RUN_DATA_HOLDS])
         self._show_waits(run)
         if run.phase is CarriedPhase.FOLLOWING and asked.has_news(values):
+            asked.told_meanwhile = asked.is_asked
             asked.next_at = min(asked.next_at, self._clock() + NEWS_S)
             self._sooner()
 
@@ -468,7 +469,7 @@ class CarriedRuns:
             case CarriedPhase.CLOSING if not asked.is_done:
                 _, outcome, reason = run.closed or (0.0, "aborted", "")
                 word, content = Word.END, encode_words(run=run.run_id, outcome=outcome, reason=reason[:MOST_REASON])
-            case CarriedPhase.FOLLOWING if not asked.has_pause:
+            case CarriedPhase.FOLLOWING if _is_pause_owed(run, asked):
                 word, content = Word.PAUSE, encode_words(run=run.run_id, paused=run.is_paused, by=run.paused_by)
             case CarriedPhase.FOLLOWING | CarriedPhase.CLOSING | CarriedPhase.ASKING | CarriedPhase.ADOPTING:
                 # Also one that knows of an adoption, or cannot be told yet: the run may be over there.
@@ -486,7 +487,7 @@ class CarriedRuns:
             if waited and not _why_untold(run, space):
                 asked.next_at = 0.0
 
-        asked.is_asked = self._ask(space, word, content, told)
+        asked.told_meanwhile, asked.is_asked = False, self._ask(space, word, content, told)
         if not asked.is_asked:
             asked.is_away, asked.problem, asked.next_at = True, "it is not heard", now + AGAIN_S
 
@@ -526,15 +527,19 @@ class CarriedRuns:
         asked.is_away = outcome.kind in (OutcomeKind.UNKNOWN, OutcomeKind.TIMED_OUT)
         if not asked.is_away:
             asked.answered_at = self._clock()
-        has_time = word is Word.FETCH and phase is run.phase
-        asked.is_asked, asked.next_at = False, self._clock() + (self._follow_after_s(asked) if has_time else 0.0)
         # Else another bridge was left out as well since, or the run was aborted: the end is still to be told.
         is_now = phase is run.phase and adopting is run.adopting
+        has_time = word is Word.FETCH and is_now
+        asked.is_asked, asked.next_at = False, self._clock() + (self._follow_after_s(asked) if has_time else 0.0)
         asked.has_refused = word is Word.ADOPT and is_now and outcome.kind is OutcomeKind.REFUSED
         if is_good(outcome):
             asked.problem = ""
             if word is Word.FETCH:
                 self._take_page(run, space, asked, report.result)
+                if _is_pause_owed(run, asked):  # a person has said so while it was asked
+                    asked.next_at = 0.0
+                elif asked.told_meanwhile:  # of what this page may lack, and will not say it again
+                    asked.next_at = min(asked.next_at, self._clock() + NEWS_S)
             elif word is Word.ADOPT and run.adopting is not None:
                 if is_now:
                     run.adopting.take(space, report.result)
@@ -670,6 +675,11 @@ class CarriedRuns:
         if asked is None:
             return BridgeTold(state, False, "it is not in fleet.yaml any more")
         return BridgeTold(state, asked.has_token, asked.problem)
+
+
+def _is_pause_owed(run: FollowedRun, asked: AskedBridge) -> bool:
+    """Whether a bridge has still to be told that the run is paused, or goes on."""
+    return run.phase is CarriedPhase.FOLLOWING and not asked.has_pause
 
 
 def _why_untold(run: FollowedRun, space: int) -> str:

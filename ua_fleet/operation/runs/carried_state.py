@@ -44,6 +44,8 @@ class AskedBridge:
     is_done: bool = False
     """Whether it has what it is told in this phase."""
     is_asked: bool = False
+    told_meanwhile: bool = False
+    """Whether its DataSet of runs has told of news since it was asked."""
     next_at: float = 0.0
     problem: str = "it has not answered yet"
     answered_at: float = 0.0

@@ -122,7 +122,7 @@ def make_scenarios(
         faulted=lambda robot, faulted: hub().set_faulted(robot, faulted),
     )
     records = service.restore()
-    view.restored(records, service.holds)
+    view.restored(records, [hold for hold in service.holds if hold.robot in service.robots])
     activities.restored(records, service.holds)
     view.show_settings(service.settings)
     log_of_runs = structlog.get_logger("ua_fleet.scenarios")

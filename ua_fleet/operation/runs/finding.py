@@ -61,6 +61,7 @@ class FaultFinder:
         self._heard.discard(robot.name)
         self._fallen_silent.discard(robot.name)
         self._announced.pop(robot.name, None)
+        self._conditions.forget(robot.name)
         self._states.pop(robot.part("State"), None)
         if robot.fault is not None:
             self._fault_keys.pop(robot.fault.key, None)

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from ua_fleet.operation.log import Log
 from ua_fleet.operation.runs.finding import FaultFinder
 from ua_fleet.operation.runs.library import Checked
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.orchestrator import Fault, Halt, HaltChanged, Orchestrator, Output
+from ua_fleet.orchestrator.faults import BY_PERSON
 from ua_fleet.orchestrator.restoring import halts_of
 from ua_fleet.scenario import Scenario
+from ua_fleet.scenario.consequences import NOT_HALTED
 from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, RunOutcome
 from ua_fleet.storage.run_journal import RunJournal
 
 __all__ = ["JournaledRuns", "parted_halts", "restore_faults", "runs_of_journal", "scenario_to_go_on"]
+
+_STAYING: Final = BY_PERSON.keys() - {NOT_HALTED}
+"""Sources of faults that count also of robots that are not there. A halt that is owed says `not_halted` again."""
 
 
 class JournaledRuns(NamedTuple):
@@ -89,21 +94,18 @@ def scenario_to_go_on(
     return None
 
 
-def parted_halts(halts: Iterable[Halt], robots: Container[str]) -> tuple[list[Halt], list[str]]:
-    """The halts of robots that are there; the executions of the others, which must not begin any more either."""
-    known, gone = list[Halt](), list[str]()
+def parted_halts(halts: Iterable[Halt], robots: Container[str]) -> tuple[list[Halt], list[Halt]]:
+    """The halts of robots that are there, and those of the others, whose executions must not begin any more either."""
+    known, gone = list[Halt](), list[Halt]()
     for halt in halts:
-        if halt.robot in robots:
-            known.append(halt)
-        else:
-            gone.append(halt.execution_id)
+        (known if halt.robot in robots else gone).append(halt)
     return known, gone
 
 
 def restore_faults(
     faults: Iterable[Fault], robots: Container[str], orchestrator: Orchestrator, finder: FaultFinder, now: float
 ) -> list[Output]:
-    """Have the orchestrator know faults of robots that are still there; what follows from that.
+    """Have the orchestrator know faults of robots that are still there, and what people say of the others.
 
     Args:
         faults: as they were kept.
@@ -114,7 +116,7 @@ def restore_faults(
     """
     outputs: list[Output] = []
     for fault in faults:
-        if fault.robot not in robots:
+        if fault.robot not in robots and not (fault.active and fault.source in _STAYING):
             continue
         outputs += orchestrator.fault_raised(fault.robot, fault.source, fault.reason, fault.since, fault.capacities)
         if fault.acknowledged:

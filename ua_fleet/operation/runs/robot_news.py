@@ -122,10 +122,13 @@ class RobotNews:
         self.fleet_changed()
 
     def remove(self, robot: RobotModel) -> None:
-        """A robot that no run uses is gone; its faults are over."""
+        """A robot that no run uses is gone; so is what has become known of it, and nothing has followed from yet."""
         self._plain.clear()
         self._values.remove(robot)
         self.finder.remove(robot)
+        self._news = [one for one in self._news if one.robot != robot.name]
+        if robot.skill_status is not None:
+            self._moved.pop(robot.skill_status, None)
         self._look_at_fleet()  # before it could be given to a task
 
     def fleet_changed(self) -> None:

@@ -28,6 +28,7 @@ from ua_fleet.operation.runs.library import (
     Library,
     ScenarioUnknown,
 )
+from ua_fleet.operation.runs.membership import FleetMembership
 from ua_fleet.operation.runs.operator_decisions import OperatorDecisions
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.requests import TaskRequests
@@ -51,7 +52,6 @@ from ua_fleet.orchestrator import (
     TaskWaiting,
 )
 from ua_fleet.scenario import FleetView, Value
-from ua_fleet.scenario.consequences import NOT_HALTED
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome
 from ua_fleet.skill.executions import RequestOutcome
@@ -157,6 +157,10 @@ class ScenarioService:
         )
         self.take_news = news.take_news
         self.holds = RobotHolds(self._orchestrator, self._do, self._robot_now, wall_s)
+        self._membership = FleetMembership(
+            self._robots, self._orchestrator, news, self._tasks, self.holds, self._do, wall_s, log
+        )
+        self.add_robot, self.remove_robot = self._membership.add, self._membership.remove
         self.runs = RunCommands(
             self._orchestrator,
             self._carrier,
@@ -174,7 +178,6 @@ class ScenarioService:
         self.carried: list[RunRecord] = []
         """Runs of the journal that bridges carry, and that have not ended."""
         self.untold: list[RunRecord] = []
-        self._gone: list[str] = []  # executions that robots were to stop which have left the fleet
         """Those that have ended without bridges that were off, which are to know it."""
         # What the core of the server says of robots goes there at once.
         self.value_changed, self.published, self.fleet_changed = news.value_changed, news.published, news.fleet_changed
@@ -245,15 +248,16 @@ class ScenarioService:
         outputs = restore_faults(self._journal.faults(), self._robots, self._orchestrator, self.news.finder, now)
         outputs += self._orchestrator.not_heard(self._robots, now)
         self._orchestrator.restore_judgements(self._judgements.restored(self.settings, found.going_on_ids))
-        self.holds.restore(self._journal.holds(), self._robots)
-        halts, self._gone = parted_halts(self._journal.halts(), self._robots)
+        self.holds.restore(self._journal.holds())
+        halts, self._membership.parted = parted_halts(self._journal.halts(), self._robots)
         outputs += self._orchestrator.restore_all(found.going_on, now, halts)
         self._carrier.hold(outputs)
         return found.records
 
     def must_not_begin(self) -> list[bytes]:
         """Executions that were asked for before a restart and must not begin any more: see the orchestrator."""
-        return [bytes.fromhex(one) for one in (*self._orchestrator.must_not_begin(), *self._gone)]
+        parted = [halt.execution_id for halt in self._membership.parted]
+        return [bytes.fromhex(one) for one in (*self._orchestrator.must_not_begin(), *parted)]
 
     def go_on(self) -> None:
         """Carry out what follows from `restore`; the records are shown."""
@@ -303,24 +307,6 @@ class ScenarioService:
         self._do([told])
 
     # Robots.
-
-    def add_robot(self, robot: RobotModel, *, is_heard: bool) -> None:
-        """A robot has come: scenarios may use it from now on."""
-        self._robots[robot.name] = robot
-        self._tasks.add(robot)
-        self.news.add(robot, is_heard=is_heard)
-
-    def remove_robot(self, name: str) -> None:
-        """A robot that no run uses is gone, with its faults."""
-        robot = self._robots[name]
-        for fault in self._orchestrator.faults.active(name):
-            self._do(self._orchestrator.fault_cleared(name, fault.source, self._wall_s()))
-        self._do(self._orchestrator.fault_cleared(name, NOT_HALTED, self._wall_s()))  # it need not say it any more
-        self.holds.forget(name)
-        self._orchestrator.forget(name)
-        del self._robots[name]
-        self._tasks.remove(robot)
-        self.news.remove(robot)
 
     def users_of(self, robot: str) -> list[str]:
         """Runs with tasks that a robot is at, or has ahead."""

@@ -119,6 +119,10 @@ class Orchestrator:
         """Whether robots were told to stop that have not said that they have."""
         return bool(self._halts.all())
 
+    def halts_of(self, robot: str) -> list[Halt]:
+        """What a robot was told to stop, and has not said that it has."""
+        return self._halts.of(robot)
+
     @property
     def faults(self) -> Faults:
         """The faults of all robots."""

@@ -61,10 +61,13 @@ class FaultFinder:
         self._heard.discard(robot.name)
         self._fallen_silent.discard(robot.name)
         self._announced.pop(robot.name, None)
-        self._conditions.forget(robot.name)
         self._states.pop(robot.part("State"), None)
         if robot.fault is not None:
             self._fault_keys.pop(robot.fault.key, None)
+
+    def forget(self, robot: str) -> None:
+        """What conditions find of a robot that is gone is found anew when it comes again."""
+        self._conditions.forget(robot)
 
     def heard(self, robot: str) -> None:
         """A robot was heard before it was looked after."""

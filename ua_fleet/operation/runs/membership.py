@@ -55,15 +55,26 @@ class FleetMembership:
         """A robot has come: scenarios may use it from now on."""
         halts = [halt for halt in self.parted if halt.robot == robot.name]
         self.parted = [halt for halt in self.parted if halt.robot != robot.name]
-        self._do(self._orchestrator.halts_found(halts, self._wall_s()))  # before it could be given to a task
+        if halts:
+            self._do(self._orchestrator.halts_found(halts, self._wall_s()))  # before it could be given to a task
         self._robots[robot.name] = robot
         self._tasks.add(robot)
         self._news.add(robot, is_heard=is_heard)
         self._holds.show_again(robot.name)
 
-    def remove(self, name: str) -> None:
-        """A robot that no run uses is gone, with the faults that were found."""
+    def remove(self, name: str, *, is_replaced: bool = False) -> None:
+        """A robot that no run uses is gone, with the faults that were found.
+
+        Args:
+            name: of it.
+            is_replaced: whether it comes again at once, with another definition: then all that is known of it stays,
+                and no task that waits looks for a robot in between.
+        """
         robot = self._robots.pop(name)
+        if is_replaced:
+            self._news.replace(robot)
+            self._tasks.replace(robot)
+            return
         self._news.remove(robot)  # before its faults are over: it could be given to a task
         self._tasks.remove(robot)
         for fault in self._orchestrator.faults.active(name):
@@ -74,7 +85,12 @@ class FleetMembership:
             self._log.warning("robot is gone, and what people said of it stays", robot=name, reason="; ".join(told))
 
     def told_of(self, name: str) -> list[str]:
-        """What people say of a robot, each with what takes it back, or who has said it."""
+        """What people say of a robot, or are to look at: faults, halts, and who holds it."""
         told = [fault.told for fault in self._orchestrator.faults.active(name) if fault.source in BY_PERSON]
-        hold = self._orchestrator.holds.get(name)
-        return [*told, f"{name} {hold.brief}"] if hold is not None else told
+        told += [
+            f"{name} was told to stop {halt.skill}, and has not said that it has"
+            for halt in self._orchestrator.halts_of(name)
+        ]
+        if (hold := self._orchestrator.holds.get(name)) is not None:
+            told.append(hold.told if name in self._robots else f"{name} {hold.brief}")
+        return told

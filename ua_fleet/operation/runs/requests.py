@@ -141,6 +141,12 @@ class TaskRequests:
                 else:
                     text = f"{reason}, and was asked for it before: nobody hears what became of it"
                     self._ended(execution_id, TaskOutcome.UNKNOWN, text, {})
+        self.replace(robot)
+
+    def replace(self, robot: RobotModel) -> None:
+        """A robot comes again at once, with another definition."""
+        if robot.skill_status is None:
+            return
         self._robot_of_status.pop(robot.skill_status, None)
         self._shown.pop(robot.skill_status, None)
         self._lost.discard(robot.skill_status)

@@ -161,6 +161,7 @@ class ScenarioService:
             self._robots, self._orchestrator, news, self._tasks, self.holds, self._do, wall_s, log
         )
         self.add_robot, self.remove_robot = self._membership.add, self._membership.remove
+        self.told_of = self._membership.told_of
         self.runs = RunCommands(
             self._orchestrator,
             self._carrier,

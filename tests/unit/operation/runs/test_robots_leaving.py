@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,73 @@ def test_one_that_is_kept_from_work_gets_no_task_as_it_leaves(tmp_path: Path, ho
     assert asked(world) == []
     assert ended.startswith("failed task a was not begun: no robot can do grab: right is held by anna since")
     assert world.mistakes.text() == ""
+
+
+def announce_anew(world: World, *, is_heard: bool = False) -> None:
+    """As the roster does with a robot that its bridge announces with another definition."""
+    left = left_of(world)
+    world.service.remove_robot("left", is_replaced=True)
+    world.service.add_robot(replace(left, description="its program is newer"), is_heard=is_heard)
+    if not is_heard:
+        world.state("left", RobotState.IDLE)
+    world.service.take_news()
+
+
+@pytest.mark.parametrize("is_heard", [False, True])
+@pytest.mark.parametrize("how", ["fault", "hold"])
+def test_one_that_is_announced_otherwise_is_kept_from_work_still(tmp_path: Path, how: str, is_heard: bool) -> None:
+    world = World(tmp_path, config=ABLE)
+    world.service.holds.hold("right", "new tyre", "anna")
+    keep_from_work(world, "left", how)
+    world.start(ANY)
+    world.pass_time(2)
+    announce_anew(world, is_heard=is_heard)
+    world.pass_time(2)
+    assert (asked(world), world.ended(), world.mistakes.text()) == ([], [], ""), "nor is it taken for gone"
+    assert [hold.robot for hold in world.service.holds] == (["right"] if how == "fault" else ["right", "left"])
+    assert active(world) == (["left.robot"] if how == "fault" else [])
+    if how == "fault":
+        world.service.fault_reports.clear_fault("left")
+    else:
+        world.service.holds.release("left", "anna")
+    world.pass_time(1)
+    assert asked(world) == ["left"]
+
+
+def test_what_was_found_of_one_that_is_announced_otherwise_stays_until_it_is_over(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.value(1000, 10.0)
+    world.value(1300, "the arm is hot", BuiltinType.STRING)
+    world.pass_time(1)
+    announce_anew(world)
+    world.pass_time(1)
+    assert sorted(active(world)) == ["left.announced", "left.battery_low"]
+    world.value(1000, 90.0)
+    world.value(1300, "", BuiltinType.STRING)
+    world.pass_time(1)
+    assert active(world) == []
+
+
+def test_silence_of_one_that_is_announced_otherwise_ends_where_it_is_heard(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.silence("left")
+    assert active(world) == ["left.silent"]
+    announce_anew(world, is_heard=True)
+    assert active(world) == []
+    world.start(ONE)
+    assert asked(world) == ["left"]
+
+
+def test_one_that_has_not_stopped_is_not_free_when_it_is_announced_otherwise(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    stop_without_an_answer(world)
+    announce_anew(world)
+    told = world.service.told_of("left")
+    assert told[-1] == "left was told to stop grab, and has not said that it has"
+    world.start(ONE)
+    world.pass_time(1)
+    assert asked(world) == ["left", "right"]
+    assert [halt.robot for halt in world.journal.halts()] == ["left"]
 
 
 @pytest.mark.parametrize("how", ["fault", "hold"])

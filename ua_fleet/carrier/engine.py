@@ -89,10 +89,10 @@ class SegmentEnd(NamedTuple):
 class _SegmentService(ScenarioService):
     """Runs segments, whose texts are no scenarios of a folder."""
 
-    def check(self, name_or_text: str) -> Checked:
+    def check_text(self, text: str) -> Checked:
         """A segment after a restart: its steps were held against the fleet by the server."""
         try:
-            return Checked(decode_scenario(name_or_text), ())
+            return Checked(decode_scenario(text), ())
         except FragmentInvalid as error:
             return Checked(Scenario("", Sequence("", 0, ())), (ConfigError(str(error)),))
 

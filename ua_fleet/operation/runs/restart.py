@@ -73,7 +73,7 @@ def scenario_to_go_on(
     Args:
         record: of the run; takes its end in.
         facts: of the run.
-        check: a scenario's text against the fleet as it is now.
+        check: a scenario's text against the fleet as it is now; whatever it raises ends this run alone.
         journal: its end and the halts are written there.
         log: is told of its end.
         now: wall time in seconds.
@@ -82,10 +82,14 @@ def scenario_to_go_on(
         StorageUnavailable: the end cannot be written.
     """
     text = next((fact.text for fact in facts if isinstance(fact, RunCreated)), "")
-    checked = check(f"{text}\n")
-    if not checked.problems:
-        return checked.scenario
-    reason = f"it does not fit the fleet any more: {checked.problems[0]}"
+    try:
+        checked = check(text)
+    except Exception as error:  # noqa: BLE001 - the other runs, and the server, go on
+        reason = f"its scenario cannot be read ({type(error).__name__}): {error}"
+    else:
+        if not checked.problems:
+            return checked.scenario
+        reason = f"it does not fit the fleet any more: {checked.problems[0]}"
     ended = RunEnded(now, RunOutcome.FAILED, reason)
     log.error("run cannot go on after the restart", run_id=record.run_id, reason=reason)
     halts = [HaltChanged(halt, is_owed=True) for halt in halts_of(facts, now)]

@@ -228,6 +228,10 @@ class ScenarioService:
         """A scenario with its problems; nothing is started."""
         return self.library.checked(name_or_text, self.fleet)
 
+    def check_text(self, text: str) -> Checked:
+        """The text of a run with its problems now."""
+        return self.library.checked_text(text, self.fleet)
+
     def bridge_of(self, robot: str) -> str:
         """The bridge that a robot lives behind; raises ScenarioUnknown where there is no such robot."""
         return self._robot(robot).bridge
@@ -243,7 +247,7 @@ class ScenarioService:
         now = self._wall_s()
         self.news.wait_for_robots(max(5.0, 2 * self._config.pubsub.receive_timeout_s))
         self._journal.prune(self._config.scenarios.kept_runs)
-        found = runs_of_journal(self._journal, self.check, log=self._log, now=now)
+        found = runs_of_journal(self._journal, self.check_text, log=self._log, now=now)
         self.carried += found.carried
         self.untold += [record for record in found.records if record.state.untold and record.state.outcome is not None]
         outputs = restore_faults(self._journal.faults(), self._robots, self._orchestrator, self.news.finder, now)

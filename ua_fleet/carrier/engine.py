@@ -29,7 +29,6 @@ from ua_fleet.counters import Counters
 from ua_fleet.errors import ConfigError, StorageUnavailable
 from ua_fleet.fleet.changes import CapacitiesChanged, Change, ValueChanged
 from ua_fleet.fleet.state import FleetState
-from ua_fleet.operation.runs.clock import steady
 from ua_fleet.operation.runs.library import Checked
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.service import ScenarioService
@@ -204,8 +203,6 @@ class SegmentEngine:
         self._is_in_turn = False
         self._after_turn: list[Callable[[], None]] = []
         self._next_tick = 0.0
-        wall_s = steady(ground.loop.time, lambda: (ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND)
-        self.wall_s = wall_s
         self._service = _SegmentService(
             config,
             model,
@@ -217,11 +214,12 @@ class SegmentEngine:
             requested=lambda _key, _execution_id: None,
             sooner=ground.sooner,
             clock=ground.loop.time,
-            wall_s=wall_s,
+            wall_s=lambda: (ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND,
             capacities=self._state.capacities,
             mistakes=ground.mistakes,
             log=self._log,
         )
+        self.wall_s = self._service.wall_s
         ground.actions.answer_own = self.own
 
     # The beginning.

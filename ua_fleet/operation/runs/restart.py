@@ -6,6 +6,7 @@ from collections.abc import Callable, Container, Iterable, Sequence
 from typing import Final, NamedTuple
 
 from ua_fleet.operation.log import Log
+from ua_fleet.operation.runs.clock import SteadyTime
 from ua_fleet.operation.runs.finding import FaultFinder
 from ua_fleet.operation.runs.library import Checked
 from ua_fleet.operation.runs.records import RunRecord
@@ -14,10 +15,17 @@ from ua_fleet.orchestrator.faults import BY_PERSON
 from ua_fleet.orchestrator.restoring import halts_of
 from ua_fleet.scenario import Scenario
 from ua_fleet.scenario.consequences import NOT_HALTED
-from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, RunOutcome
+from ua_fleet.scenario.facts import Fact, RunCarried, RunCreated, RunEnded, RunOutcome
 from ua_fleet.storage.run_journal import RunJournal
 
-__all__ = ["JournaledRuns", "parted_halts", "restore_faults", "runs_of_journal", "scenario_to_go_on"]
+__all__ = [
+    "JournaledRuns",
+    "parted_halts",
+    "restore_faults",
+    "runs_of_journal",
+    "scenario_to_go_on",
+    "time_to_go_on",
+]
 
 _STAYING: Final = BY_PERSON.keys() - {NOT_HALTED}
 """Sources of faults that count also of robots that are not there. A halt that is owed says `not_halted` again."""
@@ -55,6 +63,30 @@ def runs_of_journal(journal: RunJournal, check: Callable[[str], Checked], *, log
     if found.going_on:
         log.info("runs go on", runs=len(found.going_on))
     return found
+
+
+def time_to_go_on(time: SteadyTime, journal: RunJournal, log: Log) -> float:
+    """The time at a restart. Where the wall clock is behind what runs wrote down, it goes on there.
+
+    Else what waits would wait until the clock is there again. Runs that bridges carry are left out: their facts are by
+    the clocks of these bridges.
+
+    Args:
+        time: of runs; is set forward.
+        journal: of them.
+        log: is told of a clock that is behind.
+    """
+    times = [halt.since for halt in journal.halts()]
+    for run_id, ended in journal.runs():
+        facts = [] if ended else journal.facts(run_id)
+        if not any(isinstance(fact, RunCarried) for fact in facts):
+            times += [fact.at for fact in facts]
+    if times and (behind_s := time.go_on_from(max(times))):
+        log.warning(
+            "the clock is behind what runs wrote down last: no time counts as passed for them; set the clock",
+            behind_s=round(behind_s, 3),
+        )
+    return time()
 
 
 def scenario_to_go_on(

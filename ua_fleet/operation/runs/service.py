@@ -18,6 +18,7 @@ from ua_fleet.fleet.capacities import Capacities
 from ua_fleet.fleet.model import FleetModel, RobotModel
 from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.runs.carrying import OutputCarrier, TaskOutput
+from ua_fleet.operation.runs.clock import SteadyTime
 from ua_fleet.operation.runs.decision_judgements import DecisionJudgements
 from ua_fleet.operation.runs.fault_reports import FaultReports
 from ua_fleet.operation.runs.holding import RobotHolds
@@ -32,7 +33,7 @@ from ua_fleet.operation.runs.membership import FleetMembership
 from ua_fleet.operation.runs.operator_decisions import OperatorDecisions
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.requests import TaskRequests
-from ua_fleet.operation.runs.restart import parted_halts, restore_faults, runs_of_journal
+from ua_fleet.operation.runs.restart import parted_halts, restore_faults, runs_of_journal, time_to_go_on
 from ua_fleet.operation.runs.robot_news import RobotNews
 from ua_fleet.operation.runs.run_commands import RunCommands
 from ua_fleet.operation.runs.task_calls import Requests
@@ -104,7 +105,7 @@ class ScenarioService:
             requested: told of each skill (its node) that was asked for, with the execution's id.
             sooner: called when `next_deadline` may have come nearer.
             clock: monotonic seconds.
-            wall_s: seconds since 1970, which nobody sets.
+            wall_s: seconds since 1970, which somebody may set: it is looked at once, for `wall_s`.
             capacities: of robots, where data gives them some.
             mistakes: counts what has cost an output.
             log: gets the lines.
@@ -113,6 +114,8 @@ class ScenarioService:
         self._faulted = faulted
         self._config, self._journal = config, journal
         self._show, self._forgotten = show, forgotten
+        self.wall_s = wall_s = SteadyTime(clock, wall_s)
+        """The time of runs: seconds since 1970, which nobody sets; `restore` may set it forward."""
         self._clock, self._wall_s = clock, wall_s
         self._mistakes, self._log = mistakes, log
         self._robots = {robot.name: robot for robot in model.robots}
@@ -244,7 +247,7 @@ class ScenarioService:
         Raises:
             StorageUnavailable: the journal cannot be read.
         """
-        now = self._wall_s()
+        now = time_to_go_on(self.wall_s, self._journal, self._log)
         self.news.wait_for_robots(max(5.0, 2 * self._config.pubsub.receive_timeout_s))
         self._journal.prune(self._config.scenarios.kept_runs)
         found = runs_of_journal(self._journal, self.check_text, log=self._log, now=now)

@@ -29,7 +29,6 @@ from ua_fleet.counters import Counters
 from ua_fleet.errors import ConfigError, StorageUnavailable
 from ua_fleet.fleet.changes import CapacitiesChanged, Change, ValueChanged
 from ua_fleet.fleet.state import FleetState
-from ua_fleet.operation.runs.clock import steady
 from ua_fleet.operation.runs.library import Checked
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.service import ScenarioService
@@ -89,10 +88,10 @@ class SegmentEnd(NamedTuple):
 class _SegmentService(ScenarioService):
     """Runs segments, whose texts are no scenarios of a folder."""
 
-    def check(self, name_or_text: str) -> Checked:
+    def check_text(self, text: str) -> Checked:
         """A segment after a restart: its steps were held against the fleet by the server."""
         try:
-            return Checked(decode_scenario(name_or_text), ())
+            return Checked(decode_scenario(text), ())
         except FragmentInvalid as error:
             return Checked(Scenario("", Sequence("", 0, ())), (ConfigError(str(error)),))
 
@@ -204,8 +203,6 @@ class SegmentEngine:
         self._is_in_turn = False
         self._after_turn: list[Callable[[], None]] = []
         self._next_tick = 0.0
-        wall_s = steady(ground.loop.time, lambda: (ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND)
-        self.wall_s = wall_s
         self._service = _SegmentService(
             config,
             model,
@@ -217,11 +214,12 @@ class SegmentEngine:
             requested=lambda _key, _execution_id: None,
             sooner=ground.sooner,
             clock=ground.loop.time,
-            wall_s=wall_s,
+            wall_s=lambda: (ground.wall_ticks() - UNIX_EPOCH_TICKS) / TICKS_PER_SECOND,
             capacities=self._state.capacities,
             mistakes=ground.mistakes,
             log=self._log,
         )
+        self.wall_s = self._service.wall_s
         ground.actions.answer_own = self.own
 
     # The beginning.

@@ -216,6 +216,8 @@ class ScenarioNodes:
             texts = {"HeldBy": Variant(_TEXT, hold.by), "HeldReason": Variant(_TEXT, hold.reason)}
             since = Variant(_TIME, ticks_of(hold.since))
             values = {"Held": Variant(int(BuiltinType.BOOLEAN), True), "HeldSince": since, **texts}
+        for name in values:  # the nodes may be new, where the robot has left the fleet and come again
+            self._last.pop(self.key(f"Robots.{robot}.{name}"), None)
         self._write(f"Robots.{robot}", values)
 
     def show_fault(self, fault_id: str, fields: _Values) -> None:

@@ -55,6 +55,10 @@ class FaultConditions:
         if any(rule.name == source and robot in rule.robots for rule in self._rules):
             self._active.add((robot, source))
 
+    def forget(self, robot: str) -> None:
+        """A robot is gone: what is true when it comes again is found anew."""
+        self._active = {key for key in self._active if key[0] != robot}
+
     def is_active(self, robot: str, source: str) -> bool:
         """Whether a condition was true when it was looked at last."""
         return (robot, source) in self._active

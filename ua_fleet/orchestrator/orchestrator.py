@@ -119,6 +119,10 @@ class Orchestrator:
         """Whether robots were told to stop that have not said that they have."""
         return bool(self._halts.all())
 
+    def halts_of(self, robot: str) -> list[Halt]:
+        """What a robot was told to stop, and has not said that it has."""
+        return self._halts.of(robot)
+
     @property
     def faults(self) -> Faults:
         """The faults of all robots."""
@@ -197,6 +201,14 @@ class Orchestrator:
         self._outputs += [RunBroken(run_id, error), RunChanged(run_id, ended)]
         self._outputs += [HaltChanged(halt, is_owed=True) for halt in halts]
         return halts
+
+    def halts_found(self, halts: Sequence[Halt], now: float) -> list[Output]:
+        """Robots come that were told to stop before a restart, and were not there at that."""
+        self._halts.restore(halts, now)
+        for halt in halts:
+            self._known.asked_for(halt.execution_id)
+            self._has_news = True
+        return self._taken(now)
 
     def must_not_begin(self) -> list[str]:
         """Executions that were asked for and must not begin any more, by their ids: their robots have a fault, or were
@@ -341,7 +353,7 @@ class Orchestrator:
         return self._known.silent_since(robot) is not None
 
     def forget(self, robot: str) -> None:
-        """A robot that no run uses is gone, its faults cleared before."""
+        """A robot that no run uses is gone. What people say of it stays: a hold, and the faults that they end."""
         self._known.forget(robot)
 
     def fault_raised(

@@ -131,8 +131,8 @@ class RunsPart(Protocol):
         """A robot has come."""
         return
 
-    def remove_robot(self, name: str) -> None:
-        """A robot that no run uses is gone."""
+    def remove_robot(self, name: str, *, is_replaced: bool = False) -> None:
+        """A robot that no run uses is gone; or it comes again at once, with another definition."""
         return
 
     def poll(self) -> None:

@@ -435,9 +435,9 @@ class ServerCore:
         for action in robot.actions():
             self._want(action)
 
-    def remove_robot(self, robot: RobotModel, *, now: float) -> None:
-        """Forget a robot that does nothing."""
-        self._runs.remove_robot(robot.name)
+    def remove_robot(self, robot: RobotModel, *, now: float, is_replaced: bool = False) -> None:
+        """Forget a robot that does nothing; `is_replaced`: it comes again at once, with another definition."""
+        self._runs.remove_robot(robot.name, is_replaced=is_replaced)
         self._commands.remove(robot)
         self._tracker.remove(robot)
         for data_set in robot.data_sets:

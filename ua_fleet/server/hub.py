@@ -171,9 +171,9 @@ class Hub:
         self._core.add_robot(robot, now=self._loop.time(), wall=wall_ticks())
         self._timer.sooner()
 
-    def remove_robot(self, robot: RobotModel) -> None:
-        """Forget a robot that does nothing."""
-        self._core.remove_robot(robot, now=self._loop.time())
+    def remove_robot(self, robot: RobotModel, *, is_replaced: bool = False) -> None:
+        """Forget a robot that does nothing; `is_replaced`: it comes again at once, with another definition."""
+        self._core.remove_robot(robot, now=self._loop.time(), is_replaced=is_replaced)
 
     def set_faulted(self, robot: str, faulted: bool) -> None:
         """A robot has a fault that is more than its silence, or none."""

@@ -33,6 +33,7 @@ class RobotAdmission:
         events: ServerEvents,
         offers: ClientOffers,
         runs_of: Callable[[str], list[str]],
+        told_of: Callable[[str], list[str]],
         wall_ticks: Callable[[], int],
     ) -> None:
         """Connect the parts.
@@ -46,11 +47,12 @@ class RobotAdmission:
             events: tells clients.
             offers: skills that clients do.
             runs_of: the runs that need a robot.
+            told_of: what people say of a robot.
             wall_ticks: the wall clock.
         """
         self._hub, self._state, self._tracker = hub, state, tracker
         self._skills, self._projection, self._events = skills, projection, events
-        self._offers, self._runs_of, self._wall_ticks = offers, runs_of, wall_ticks
+        self._offers, self._runs_of, self._told_of, self._wall_ticks = offers, runs_of, told_of, wall_ticks
 
     def take_in(self, robot: RobotModel) -> None:
         """A robot has come."""
@@ -59,11 +61,11 @@ class RobotAdmission:
         self._skills.add(robot)
         self._projection.then(partial(tell_model_change, self._events, robot, Verb.NODE_ADDED, self._wall_ticks()))
 
-    def let_go(self, robot: RobotModel) -> None:
-        """A robot that does nothing is gone."""
+    def let_go(self, robot: RobotModel, *, is_replaced: bool) -> None:
+        """A robot that does nothing is gone; or it comes again at once, with another definition."""
         self._skills.remove(robot)
         self._offers.unfollow(robot)
-        self._hub().remove_robot(robot)
+        self._hub().remove_robot(robot, is_replaced=is_replaced)
         self._projection.then(partial(tell_model_change, self._events, robot, Verb.NODE_DELETED, self._wall_ticks()))
 
     def users_of(self, robot: RobotModel) -> list[str]:
@@ -74,6 +76,10 @@ class RobotAdmission:
             if self._tracker.under_way(SkillKeys(robot.ns, skill.id).object)
         ]
         return [*busy, *[f"run {run_id}" for run_id in self._runs_of(robot.name)]]
+
+    def told_of(self, robot: RobotModel) -> list[str]:
+        """What people say of a robot: a hold, faults that they end."""
+        return self._told_of(robot.name)
 
     def is_heard(self, robot: RobotModel) -> bool:
         """Whether its SkillStatus is alive."""

@@ -74,7 +74,16 @@ def connect_roster(
     events = ServerEvents(server.iserver)
     roster.connect(
         RobotAdmission(
-            hub, ground.state, ground.tracker, skills, projection, events, offers, scenarios.users_of, wall_ticks
+            hub,
+            ground.state,
+            ground.tracker,
+            skills,
+            projection,
+            events,
+            offers,
+            scenarios.users_of,
+            scenarios.told_of,
+            wall_ticks,
         )
     )
     RobotRegistryMethods(server, parts, roster).build()

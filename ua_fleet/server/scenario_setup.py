@@ -30,7 +30,6 @@ from ua_fleet.nodes.scenario_nodes import ScenarioNodes
 from ua_fleet.nodes.scenario_view import ScenarioView
 from ua_fleet.operation.runs.activity import RobotActivities
 from ua_fleet.operation.runs.carried import CarriedRuns
-from ua_fleet.operation.runs.clock import steady
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.operation.runs.task_calls import Requests
 from ua_fleet.operation.skills.commands import JOURNALED_PACE, SkillCommands
@@ -115,14 +114,14 @@ def make_scenarios(
         ),
         sooner=timer.sooner,
         clock=clock,
-        wall_s=steady(clock, time.time),
+        wall_s=time.time,
         capacities=ground.state.capacities,
         mistakes=ground.mistakes,
         log=structlog.get_logger("ua_fleet.scenarios"),
         faulted=lambda robot, faulted: hub().set_faulted(robot, faulted),
     )
     records = service.restore()
-    view.restored(records, service.holds)
+    view.restored(records, [hold for hold in service.holds if hold.robot in service.robots])
     activities.restored(records, service.holds)
     view.show_settings(service.settings)
     log_of_runs = structlog.get_logger("ua_fleet.scenarios")
@@ -144,7 +143,7 @@ def make_scenarios(
         reserve=service.driven,
         sooner=timer.sooner,
         clock=clock,
-        wall_s=steady(clock, time.time),
+        wall_s=service.wall_s,
         mistakes=ground.mistakes,
         log=log_of_runs,
     )

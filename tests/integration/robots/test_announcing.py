@@ -9,8 +9,9 @@ from typing import Any
 from asyncua.client.client import Client
 
 from tests.contract.skilled import STATUS, WORK
-from tests.integration.robots.conftest import MACHINE, SPACE, Yard, below, invoke, register, unregister
+from tests.integration.robots.conftest import MACHINE, SPACE, Yard, below, call, invoke, register, unregister
 from tests.integration.server_model.harness import ENGINEER, reader, ua, until
+from ua_fleet.fleet.model import RobotState
 from ua_fleet.values import StatusCode
 
 DATA = {
@@ -113,6 +114,36 @@ async def test_what_its_bridge_says_anew_replaces_it(yard: Yard) -> None:
         capacities = reader(client, "ns=2;s=Robots.machine.Capacities")
         await until(capacities, lambda value: value.StatusCode.is_good() and value.Value.Value == ["weld", "paint"])
         await until(lambda: work(client), lambda result: result.StatusCode.is_good())
+
+
+async def test_what_people_say_of_it_stays_when_its_bridge_says_anew_what_it_is(yard: Yard) -> None:
+    bridge = yard.bridge()
+    task = "{task: a, skill: work, capacity: weld, arguments: {work: weld, seconds: 0.1}}"
+    async with yard.server("create") as running, running.client(ENGINEER) as client:
+        await announced(client)
+        node = client.get_node("ns=2;s=Robots.machine")
+        assert list(await node.call_method("3:Hold", "the guard is open")) == [0, ""]
+        assert (await call(client, "Fleet.Faults", "RaiseFault", "machine", "gripper broken")).status == 0
+        text = f"version: 1\nname: any\nsteps:\n  - {task}\n"
+        ran = await call(client, "Fleet.Scenarios", "Run", text, [], [])
+        bridge.end()
+        yard.write({**MACHINE, "description": "Works, and its program is newer"})
+        yard.bridge()
+        description = reader(client, "ns=2;s=Robots.machine.Description")
+        await until(description, lambda value: value.StatusCode.is_good() and "newer" in str(value.Value.Value))
+        await until(reader(client, "ns=2;s=Robots.machine.Held"), lambda value: value.Value.Value is True)
+        await until(
+            reader(client, "ns=2;s=Robots.machine.State"), lambda value: value.Value.Value == RobotState.FAULTED
+        )
+        assert await client.get_node("ns=2;s=Fleet.Faults.machine.robot.ActiveState.Id").read_value() is True
+        assert await client.get_node("ns=2;s=Robots.machine.HeldReason").read_value() == "the guard is open"
+        assert yard.machine.told() == []
+        assert (await call(client, "Fleet.Faults", "ClearFault", "machine")).status == 0
+        assert list(await node.call_method("3:Release")) == [0, ""]
+        again = await call(client, "Fleet.Scenarios", "Run", text, [], [])
+        state = reader(client, f"ns=2;s=Fleet.Scenarios.Runs.{again.outputs[0]}.State")
+        await until(state, lambda value: value.Value is not None and value.Value.Value == "done")
+        assert ran.status == 0
 
 
 async def test_in_quarantine_it_is_listed_until_somebody_registers_it(yard: Yard) -> None:

@@ -118,6 +118,29 @@ async def test_a_robot_that_is_needed_stays(yard: Yard) -> None:
         assert f"run {ran.outputs[0]}" in refused.message
 
 
+async def test_a_held_robot_begins_nothing_as_it_leaves_and_is_held_when_it_comes_again(yard: Yard) -> None:
+    yard.bridge()
+    task = "{task: a, skill: work, capacity: weld, arguments: {work: weld, seconds: 0.5}}"
+    text = f"version: 1\nname: any\nsteps:\n  - {task}\n"
+    async with yard.server() as running, running.client(ENGINEER) as client:
+        assert (await register(client, "machine", "cell", MACHINE)).status == 0
+        await until(reader(client, "ns=2;s=Robots.machine.State"), lambda value: value.Value.Value == 1)
+        node = client.get_node("ns=2;s=Robots.machine")
+        assert list(await node.call_method("3:Hold", "the guard is open")) == [0, ""]
+        ran = await call(client, "Fleet.Scenarios", "Run", text, [], [])
+        assert (await unregister(client, "machine")).status == 0
+        reason = reader(client, f"ns=2;s=Fleet.Scenarios.Runs.{ran.outputs[0]}.Reason")
+        await until(reason, lambda value: "no robot can do work: there is none" in (value.Value.Value or ""))
+        assert (await call(client, "Fleet.Scenarios", "Abort", ran.outputs[0], "")).status == 0
+        assert (await register(client, "machine", "cell", MACHINE)).status == 0
+        await until(reader(client, "ns=2;s=Robots.machine.Held"), lambda value: value.Value.Value is True)
+        held = await client.get_node("ns=2;s=Robots.machine.HeldReason").read_value()
+        await until(reader(client, "ns=2;s=Robots.machine.State"), lambda value: value.Value.Value == 1)
+        assert (held, yard.machine.told()) == ("the guard is open", [])
+        assert list(await node.call_method("3:Release")) == [0, ""]
+        await until(reader(client, "ns=2;s=Robots.machine.Held"), lambda value: value.Value.Value is False)
+
+
 async def test_a_robot_of_the_file_is_not_unregistered(yard: Yard) -> None:
     async with (
         yard.server(robots={"machine": {"bridge": "cell", **MACHINE}}) as running,

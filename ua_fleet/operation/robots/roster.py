@@ -54,12 +54,16 @@ class Taking(Protocol):
         """A robot has come."""
         ...
 
-    def let_go(self, robot: RobotModel) -> None:
-        """A robot that does nothing is gone."""
+    def let_go(self, robot: RobotModel, *, is_replaced: bool) -> None:
+        """A robot that does nothing is gone; or it comes again at once, with another definition."""
         ...
 
     def users_of(self, robot: RobotModel) -> list[str]:
         """What needs a robot now: executions and runs, for people."""
+        ...
+
+    def told_of(self, robot: RobotModel) -> list[str]:
+        """What people say of a robot, and what takes it back: a hold, faults that they end."""
         ...
 
     def is_heard(self, robot: RobotModel) -> bool:
@@ -260,19 +264,20 @@ class RobotRegistry:
             self._is_full = True
             return
         self._announced[topic] = text
-        self._waiting.pop(topic, None)
+        was_waiting = self._waiting.pop(topic, None)
         try:
             self._take_announced(topic, text, known)
-        except RobotInUse:
+        except RobotInUse as error:
             self._waiting[topic] = text
+            if was_waiting != text:
+                self._log.warning("what a robot is announced as now has to wait", topic=topic.name, reason=str(error))
         except (UaFleetError, StorageUnavailable) as error:
             reason = str(error.problems[0]) if isinstance(error, ConfigInvalid) else str(error)
             self._log.warning("a robot that is announced gets no nodes", topic=topic.name, reason=reason)
 
     def tick(self) -> None:
         """Look again at what had to wait; to be called each second."""
-        waiting, self._waiting = self._waiting, {}
-        for topic, text in waiting.items():
+        for topic, text in list(self._waiting.items()):
             self._announced.pop(topic, None)
             self.announced(topic, text)
 
@@ -291,6 +296,7 @@ class RobotRegistry:
         if known is not None:
             self._check_idle(known)
             if known.name != name:
+                self._check_nothing_told(known, name)
                 self._registry.remove(known.name)
                 self._drop(known)
         self._put(definition, model, topic.name)
@@ -309,12 +315,12 @@ class RobotRegistry:
         self._registry.put(StoredRobot(said.name, model.origin.value, definition.bridge, said.text, by, self._wall_s()))
         before = self._robots.get(said.name)
         if before is not None:
-            self._drop(before)
+            self._drop(before, is_replaced=True)
         self._definitions[model.name] = definition
         self._keep(model)
         self._connected.take_in(model)
 
-    def _drop(self, robot: RobotModel) -> None:
+    def _drop(self, robot: RobotModel, *, is_replaced: bool = False) -> None:
         del self._robots[robot.name], self._definitions[robot.name]
         for place in [place for place, owner in self._ids.items() if owner == f"robots.{robot.name}"]:
             del self._ids[place]
@@ -322,7 +328,7 @@ class RobotRegistry:
             del self._by_status[robot.skill_status]
             self._announced.pop(robot.skill_status, None)
             self._is_full = False
-        self._connected.let_go(robot)
+        self._connected.let_go(robot, is_replaced=is_replaced)
 
     def _keep(self, robot: RobotModel) -> None:
         self._robots[robot.name] = robot
@@ -339,6 +345,11 @@ class RobotRegistry:
         users = self._connected.users_of(robot)
         if users:
             raise RobotInUse(f"robot {robot.name} is in use: {', '.join(users)}; wait for the end, or abort it")
+
+    def _check_nothing_told(self, robot: RobotModel, name: str) -> None:
+        """A robot gets no other name while people say something of it: that would be of another robot then."""
+        if told := self._connected.told_of(robot):
+            raise RobotInUse(f"robot {robot.name} is announced as {name}, and cannot get that name: {'; '.join(told)}")
 
     def _owner_of(self, topic: Topic) -> Topic | str | None:
         owner = next((owner for place in _places(topic) if (owner := self._ids.get(place)) is not None), None)

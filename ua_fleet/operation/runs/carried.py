@@ -156,7 +156,7 @@ class CarriedRuns:
         for record in service.carried:
             run = self._runs[record.run_id] = FollowedRun(
                 record.run_id,
-                _robots(service.check(f"{record.text}\n").scenario),
+                _robots(service.check_text(record.text).scenario),
                 CarriedPhase.FOLLOWING,
                 {space: AskedBridge(answered_at=clock()) for space in record.state.carried if space in self._names},
             )

@@ -281,7 +281,7 @@ class Adoptions:
     def _scenario(self, facts: Sequence[Fact]) -> Scenario:
         """The scenario of a run, from its own text."""
         text = next(fact.text for fact in facts if isinstance(fact, RunCreated))
-        return self._service.check(f"{text}\n").scenario
+        return self._service.check_text(text).scenario
 
     @staticmethod
     def _first_parts(facts: Sequence[Fact]) -> list[Part]:

@@ -79,12 +79,14 @@ class FaultReports:
             name: of the robot, for all of its faults; or the id of one of them, `<robot>.<source>`.
 
         Raises:
-            ScenarioUnknown: there is no such robot, or it has no such fault.
+            ScenarioUnknown: there is no such robot, and no fault of one that has left; or it has no such fault.
             ScenarioError: it has no other faults than those whose cause is there still.
         """
         self._news.take_news()
         robot, _, source = name.partition(".")
-        active = self._orchestrator.faults.active(self._robot(robot).name)
+        active = self._orchestrator.faults.active(robot)
+        if not active:
+            self._robot(robot)  # of one that has left the fleet, what stays can be cleared
         if source:
             known = ", ".join(fault.id for fault in active) or "none"
             active = [fault for fault in active if fault.source == source]

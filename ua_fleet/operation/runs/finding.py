@@ -65,6 +65,10 @@ class FaultFinder:
         if robot.fault is not None:
             self._fault_keys.pop(robot.fault.key, None)
 
+    def forget(self, robot: str) -> None:
+        """What conditions find of a robot that is gone is found anew when it comes again."""
+        self._conditions.forget(robot)
+
     def heard(self, robot: str) -> None:
         """A robot was heard before it was looked after."""
         self._heard.add(robot)

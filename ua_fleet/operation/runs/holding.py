@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Final, Protocol
 
 from ua_fleet.errors import ScenarioError
-from ua_fleet.orchestrator import Hold, Orchestrator, Output
+from ua_fleet.orchestrator import Hold, HoldChanged, Orchestrator, Output
 
 __all__ = ["RobotHolds"]
 
@@ -41,9 +41,9 @@ class RobotHolds:
     def __iter__(self) -> Iterator[Hold]:
         return iter(self._orchestrator.holds)
 
-    def restore(self, holds: Iterable[Hold], robots: Container[str]) -> None:
-        """Robots that were held before a restart, and are still there, are held; before runs go on."""
-        self._orchestrator.holds.restore(hold for hold in holds if hold.robot in robots)
+    def restore(self, holds: Iterable[Hold]) -> None:
+        """Robots that were held before a restart are held, also those that may come again; before runs go on."""
+        self._orchestrator.holds.restore(holds)
 
     def hold(self, robot: str, reason: str, by: str) -> None:
         """Have runs give a robot no further task.
@@ -70,6 +70,8 @@ class RobotHolds:
             raise ScenarioError(f"{robot} is not held")
         self._do(self._orchestrator.release(robot, by, self._wall_s()), must_be_written=True)
 
-    def forget(self, robot: str) -> None:
-        """A robot is gone."""
-        self._do(self._orchestrator.release(robot, "the server", self._wall_s()))
+    def show_again(self, robot: str) -> None:
+        """A robot has come: whether it is held is shown at its new nodes."""
+        hold = self._orchestrator.holds.get(robot)
+        if hold is not None:
+            self._do([HoldChanged(hold, True, hold.by)])

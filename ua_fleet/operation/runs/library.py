@@ -162,6 +162,10 @@ class Library:
         text = self.text(name_or_text)
         return self._held(text, "" if text == name_or_text else f"{name_or_text.strip()}.yaml", fleet)
 
+    def checked_text(self, text: str, fleet: FleetView) -> Checked:
+        """The text of a run, which is never a name, held against a fleet; of any length, since it was taken before."""
+        return self._held(text, "", fleet)
+
     def valid(self, name_or_text: str, fleet: FleetView) -> Scenario:
         """A scenario without problems.
 

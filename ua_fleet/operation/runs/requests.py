@@ -130,11 +130,26 @@ class TaskRequests:
             self._robot_of_status[robot.skill_status] = robot.name
 
     def remove(self, robot: RobotModel) -> None:
-        """A robot that does nothing is gone."""
-        if robot.skill_status is not None:
-            self._robot_of_status.pop(robot.skill_status, None)
-            self._shown.pop(robot.skill_status, None)
-            self._lost.discard(robot.skill_status)
+        """A robot is gone. Nobody is asked for what waits, and nobody hears the end of what was asked for."""
+        if robot.skill_status is None:
+            return
+        reason = f"{robot.name} is no robot of the fleet any more"
+        for execution_id in [key for key, topic in self._told_by.items() if topic == robot.skill_status]:
+            with self._mistakes.guard("tasks", execution_id=execution_id):
+                if execution_id in self._waiting:
+                    self._ended(execution_id, TaskOutcome.REFUSED, reason, {})
+                else:
+                    text = f"{reason}, and was asked for it before: nobody hears what became of it"
+                    self._ended(execution_id, TaskOutcome.UNKNOWN, text, {})
+        self.replace(robot)
+
+    def replace(self, robot: RobotModel) -> None:
+        """A robot comes again at once, with another definition."""
+        if robot.skill_status is None:
+            return
+        self._robot_of_status.pop(robot.skill_status, None)
+        self._shown.pop(robot.skill_status, None)
+        self._lost.discard(robot.skill_status)
 
     def _know(self, execution_id: str, robot_name: str, skill_name: str) -> Topic | None:
         """Listen for an execution; the SkillStatus of its robot, None where there is no such skill any more."""

@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from ua_fleet.operation.log import Log
+from ua_fleet.operation.runs.clock import SteadyTime
 from ua_fleet.operation.runs.finding import FaultFinder
 from ua_fleet.operation.runs.library import Checked
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.orchestrator import Fault, Halt, HaltChanged, Orchestrator, Output
+from ua_fleet.orchestrator.faults import BY_PERSON
 from ua_fleet.orchestrator.restoring import halts_of
 from ua_fleet.scenario import Scenario
-from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, RunOutcome
+from ua_fleet.scenario.consequences import NOT_HALTED
+from ua_fleet.scenario.facts import Fact, RunCarried, RunCreated, RunEnded, RunOutcome
 from ua_fleet.storage.run_journal import RunJournal
 
-__all__ = ["JournaledRuns", "parted_halts", "restore_faults", "runs_of_journal", "scenario_to_go_on"]
+__all__ = [
+    "JournaledRuns",
+    "parted_halts",
+    "restore_faults",
+    "runs_of_journal",
+    "scenario_to_go_on",
+    "time_to_go_on",
+]
+
+_STAYING: Final = BY_PERSON.keys() - {NOT_HALTED}
+"""Sources of faults that count also of robots that are not there. A halt that is owed says `not_halted` again."""
 
 
 class JournaledRuns(NamedTuple):
@@ -52,6 +65,30 @@ def runs_of_journal(journal: RunJournal, check: Callable[[str], Checked], *, log
     return found
 
 
+def time_to_go_on(time: SteadyTime, journal: RunJournal, log: Log) -> float:
+    """The time at a restart. Where the wall clock is behind what runs wrote down, it goes on there.
+
+    Else what waits would wait until the clock is there again. Runs that bridges carry are left out: their facts are by
+    the clocks of these bridges.
+
+    Args:
+        time: of runs; is set forward.
+        journal: of them.
+        log: is told of a clock that is behind.
+    """
+    times = [halt.since for halt in journal.halts()]
+    for run_id, ended in journal.runs():
+        facts = [] if ended else journal.facts(run_id)
+        if not any(isinstance(fact, RunCarried) for fact in facts):
+            times += [fact.at for fact in facts]
+    if times and (behind_s := time.go_on_from(max(times))):
+        log.warning(
+            "the clock is behind what runs wrote down last: no time counts as passed for them; set the clock",
+            behind_s=round(behind_s, 3),
+        )
+    return time()
+
+
 def scenario_to_go_on(
     record: RunRecord,
     facts: Sequence[Fact],
@@ -68,7 +105,7 @@ def scenario_to_go_on(
     Args:
         record: of the run; takes its end in.
         facts: of the run.
-        check: a scenario's text against the fleet as it is now.
+        check: a scenario's text against the fleet as it is now; whatever it raises ends this run alone.
         journal: its end and the halts are written there.
         log: is told of its end.
         now: wall time in seconds.
@@ -77,10 +114,14 @@ def scenario_to_go_on(
         StorageUnavailable: the end cannot be written.
     """
     text = next((fact.text for fact in facts if isinstance(fact, RunCreated)), "")
-    checked = check(f"{text}\n")
-    if not checked.problems:
-        return checked.scenario
-    reason = f"it does not fit the fleet any more: {checked.problems[0]}"
+    try:
+        checked = check(text)
+    except Exception as error:  # noqa: BLE001 - the other runs, and the server, go on
+        reason = f"its scenario cannot be read ({type(error).__name__}): {error}"
+    else:
+        if not checked.problems:
+            return checked.scenario
+        reason = f"it does not fit the fleet any more: {checked.problems[0]}"
     ended = RunEnded(now, RunOutcome.FAILED, reason)
     log.error("run cannot go on after the restart", run_id=record.run_id, reason=reason)
     halts = [HaltChanged(halt, is_owed=True) for halt in halts_of(facts, now)]
@@ -89,21 +130,18 @@ def scenario_to_go_on(
     return None
 
 
-def parted_halts(halts: Iterable[Halt], robots: Container[str]) -> tuple[list[Halt], list[str]]:
-    """The halts of robots that are there; the executions of the others, which must not begin any more either."""
-    known, gone = list[Halt](), list[str]()
+def parted_halts(halts: Iterable[Halt], robots: Container[str]) -> tuple[list[Halt], list[Halt]]:
+    """The halts of robots that are there, and those of the others, whose executions must not begin any more either."""
+    known, gone = list[Halt](), list[Halt]()
     for halt in halts:
-        if halt.robot in robots:
-            known.append(halt)
-        else:
-            gone.append(halt.execution_id)
+        (known if halt.robot in robots else gone).append(halt)
     return known, gone
 
 
 def restore_faults(
     faults: Iterable[Fault], robots: Container[str], orchestrator: Orchestrator, finder: FaultFinder, now: float
 ) -> list[Output]:
-    """Have the orchestrator know faults of robots that are still there; what follows from that.
+    """Have the orchestrator know faults of robots that are still there, and what people say of the others.
 
     Args:
         faults: as they were kept.
@@ -114,7 +152,7 @@ def restore_faults(
     """
     outputs: list[Output] = []
     for fault in faults:
-        if fault.robot not in robots:
+        if fault.robot not in robots and not (fault.active and fault.source in _STAYING):
             continue
         outputs += orchestrator.fault_raised(fault.robot, fault.source, fault.reason, fault.since, fault.capacities)
         if fault.acknowledged:

@@ -117,15 +117,24 @@ class RobotNews:
         self.finder.add(robot)
         if is_heard:
             self.finder.heard(robot.name)
+            self._tell_soon([FaultFound(robot.name, SILENT, False, "")])  # its silence, where it is a robot anew
         else:
             self._do(self._orchestrator.not_heard([robot.name], self._wall_s()))
         self.fleet_changed()
 
-    def remove(self, robot: RobotModel) -> None:
-        """A robot that no run uses is gone; its faults are over."""
+    def replace(self, robot: RobotModel) -> None:
+        """A robot comes again at once, with another definition; nothing is decided before."""
         self._plain.clear()
         self._values.remove(robot)
         self.finder.remove(robot)
+
+    def remove(self, robot: RobotModel) -> None:
+        """A robot that no run uses is gone; so is what has become known of it, and nothing has followed from yet."""
+        self.replace(robot)
+        self.finder.forget(robot.name)
+        self._news = [one for one in self._news if one.robot != robot.name]
+        if robot.skill_status is not None:
+            self._moved.pop(robot.skill_status, None)
         self._look_at_fleet()  # before it could be given to a task
 
     def fleet_changed(self) -> None:

@@ -18,6 +18,7 @@ from ua_fleet.fleet.capacities import Capacities
 from ua_fleet.fleet.model import FleetModel, RobotModel
 from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.runs.carrying import OutputCarrier, TaskOutput
+from ua_fleet.operation.runs.clock import SteadyTime
 from ua_fleet.operation.runs.decision_judgements import DecisionJudgements
 from ua_fleet.operation.runs.fault_reports import FaultReports
 from ua_fleet.operation.runs.holding import RobotHolds
@@ -28,10 +29,11 @@ from ua_fleet.operation.runs.library import (
     Library,
     ScenarioUnknown,
 )
+from ua_fleet.operation.runs.membership import FleetMembership
 from ua_fleet.operation.runs.operator_decisions import OperatorDecisions
 from ua_fleet.operation.runs.records import RunRecord
 from ua_fleet.operation.runs.requests import TaskRequests
-from ua_fleet.operation.runs.restart import parted_halts, restore_faults, runs_of_journal
+from ua_fleet.operation.runs.restart import parted_halts, restore_faults, runs_of_journal, time_to_go_on
 from ua_fleet.operation.runs.robot_news import RobotNews
 from ua_fleet.operation.runs.run_commands import RunCommands
 from ua_fleet.operation.runs.task_calls import Requests
@@ -51,7 +53,6 @@ from ua_fleet.orchestrator import (
     TaskWaiting,
 )
 from ua_fleet.scenario import FleetView, Value
-from ua_fleet.scenario.consequences import NOT_HALTED
 from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome
 from ua_fleet.skill.executions import RequestOutcome
@@ -104,7 +105,7 @@ class ScenarioService:
             requested: told of each skill (its node) that was asked for, with the execution's id.
             sooner: called when `next_deadline` may have come nearer.
             clock: monotonic seconds.
-            wall_s: seconds since 1970, which nobody sets.
+            wall_s: seconds since 1970, which somebody may set: it is looked at once, for `wall_s`.
             capacities: of robots, where data gives them some.
             mistakes: counts what has cost an output.
             log: gets the lines.
@@ -113,6 +114,8 @@ class ScenarioService:
         self._faulted = faulted
         self._config, self._journal = config, journal
         self._show, self._forgotten = show, forgotten
+        self.wall_s = wall_s = SteadyTime(clock, wall_s)
+        """The time of runs: seconds since 1970, which nobody sets; `restore` may set it forward."""
         self._clock, self._wall_s = clock, wall_s
         self._mistakes, self._log = mistakes, log
         self._robots = {robot.name: robot for robot in model.robots}
@@ -157,6 +160,11 @@ class ScenarioService:
         )
         self.take_news = news.take_news
         self.holds = RobotHolds(self._orchestrator, self._do, self._robot_now, wall_s)
+        self._membership = FleetMembership(
+            self._robots, self._orchestrator, news, self._tasks, self.holds, self._do, wall_s, log
+        )
+        self.add_robot, self.remove_robot = self._membership.add, self._membership.remove
+        self.told_of = self._membership.told_of
         self.runs = RunCommands(
             self._orchestrator,
             self._carrier,
@@ -174,7 +182,6 @@ class ScenarioService:
         self.carried: list[RunRecord] = []
         """Runs of the journal that bridges carry, and that have not ended."""
         self.untold: list[RunRecord] = []
-        self._gone: list[str] = []  # executions that robots were to stop which have left the fleet
         """Those that have ended without bridges that were off, which are to know it."""
         # What the core of the server says of robots goes there at once.
         self.value_changed, self.published, self.fleet_changed = news.value_changed, news.published, news.fleet_changed
@@ -224,6 +231,10 @@ class ScenarioService:
         """A scenario with its problems; nothing is started."""
         return self.library.checked(name_or_text, self.fleet)
 
+    def check_text(self, text: str) -> Checked:
+        """The text of a run with its problems now."""
+        return self.library.checked_text(text, self.fleet)
+
     def bridge_of(self, robot: str) -> str:
         """The bridge that a robot lives behind; raises ScenarioUnknown where there is no such robot."""
         return self._robot(robot).bridge
@@ -236,24 +247,25 @@ class ScenarioService:
         Raises:
             StorageUnavailable: the journal cannot be read.
         """
-        now = self._wall_s()
+        now = time_to_go_on(self.wall_s, self._journal, self._log)
         self.news.wait_for_robots(max(5.0, 2 * self._config.pubsub.receive_timeout_s))
         self._journal.prune(self._config.scenarios.kept_runs)
-        found = runs_of_journal(self._journal, self.check, log=self._log, now=now)
+        found = runs_of_journal(self._journal, self.check_text, log=self._log, now=now)
         self.carried += found.carried
         self.untold += [record for record in found.records if record.state.untold and record.state.outcome is not None]
         outputs = restore_faults(self._journal.faults(), self._robots, self._orchestrator, self.news.finder, now)
         outputs += self._orchestrator.not_heard(self._robots, now)
         self._orchestrator.restore_judgements(self._judgements.restored(self.settings, found.going_on_ids))
-        self.holds.restore(self._journal.holds(), self._robots)
-        halts, self._gone = parted_halts(self._journal.halts(), self._robots)
+        self.holds.restore(self._journal.holds())
+        halts, self._membership.parted = parted_halts(self._journal.halts(), self._robots)
         outputs += self._orchestrator.restore_all(found.going_on, now, halts)
         self._carrier.hold(outputs)
         return found.records
 
     def must_not_begin(self) -> list[bytes]:
         """Executions that were asked for before a restart and must not begin any more: see the orchestrator."""
-        return [bytes.fromhex(one) for one in (*self._orchestrator.must_not_begin(), *self._gone)]
+        parted = [halt.execution_id for halt in self._membership.parted]
+        return [bytes.fromhex(one) for one in (*self._orchestrator.must_not_begin(), *parted)]
 
     def go_on(self) -> None:
         """Carry out what follows from `restore`; the records are shown."""
@@ -303,24 +315,6 @@ class ScenarioService:
         self._do([told])
 
     # Robots.
-
-    def add_robot(self, robot: RobotModel, *, is_heard: bool) -> None:
-        """A robot has come: scenarios may use it from now on."""
-        self._robots[robot.name] = robot
-        self._tasks.add(robot)
-        self.news.add(robot, is_heard=is_heard)
-
-    def remove_robot(self, name: str) -> None:
-        """A robot that no run uses is gone, with its faults."""
-        robot = self._robots[name]
-        for fault in self._orchestrator.faults.active(name):
-            self._do(self._orchestrator.fault_cleared(name, fault.source, self._wall_s()))
-        self._do(self._orchestrator.fault_cleared(name, NOT_HALTED, self._wall_s()))  # it need not say it any more
-        self.holds.forget(name)
-        self._orchestrator.forget(name)
-        del self._robots[name]
-        self._tasks.remove(robot)
-        self.news.remove(robot)
 
     def users_of(self, robot: str) -> list[str]:
         """Runs with tasks that a robot is at, or has ahead."""

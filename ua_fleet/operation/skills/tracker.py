@@ -74,8 +74,10 @@ class SkillTracker:
         """Forget a robot."""
         if robot.skill_status is None:
             return
-        for skill in self._robots.pop(robot.skill_status, {}).values():
+        gone = set(self._robots.pop(robot.skill_status, {}).values())
+        for skill in gone:
             del self._skills[skill.keys.object], self._topics[skill.keys.object]
+        self._asked = {key: skill for key, skill in self._asked.items() if skill not in gone}
         self._synchronised.discard(robot.skill_status)
         self._busy.pop(robot.skill_status, None)
 

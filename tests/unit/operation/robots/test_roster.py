@@ -37,17 +37,21 @@ class Parts:
     def __init__(self) -> None:
         self.events: list[tuple[str, str]] = []
         self.users: list[str] = []
+        self.told: list[str] = []
         self.heard = False
         self.strangers: dict[int, Topic] = {}
 
     def take_in(self, robot: RobotModel) -> None:
         self.events.append(("in", robot.name))
 
-    def let_go(self, robot: RobotModel) -> None:
-        self.events.append(("out", robot.name))
+    def let_go(self, robot: RobotModel, *, is_replaced: bool) -> None:
+        self.events.append(("changed" if is_replaced else "out", robot.name))
 
     def users_of(self, robot: RobotModel) -> list[str]:
         return self.users
+
+    def told_of(self, robot: RobotModel) -> list[str]:
+        return self.told
 
     def is_heard(self, robot: RobotModel) -> bool:
         return self.heard
@@ -164,7 +168,7 @@ def test_registering_an_announced_robot_makes_it_a_registered_one(server: Server
     server.roster.announced(STATUS, ANNOUNCED)
     server.register()
     assert server.names() == {"arm": RobotOrigin.REGISTERED}
-    assert server.parts.events == [("in", "arm"), ("out", "arm"), ("in", "arm")]
+    assert server.parts.events == [("in", "arm"), ("changed", "arm"), ("in", "arm")]
 
 
 def test_what_is_announced_anew_waits_until_the_robot_has_nothing_to_do(server: Server) -> None:
@@ -181,6 +185,23 @@ def test_what_is_announced_anew_waits_until_the_robot_has_nothing_to_do(server: 
     server.parts.events.clear()
     server.roster.tick()
     assert server.parts.events == []
+
+
+def test_one_of_which_people_say_something_gets_another_definition_and_no_other_name(server: Server) -> None:
+    server.roster.announced(STATUS, ANNOUNCED)
+    server.parts.told = ["arm is held by anna"]
+    server.parts.events.clear()
+    server.roster.announced(STATUS, json.dumps({"robots": {"arm": {**ARM, "description": "newer"}}}))
+    assert server.parts.events == [("changed", "arm"), ("in", "arm")]
+    server.roster.announced(STATUS, json.dumps({"robots": {"left_arm": ARM}}))
+    with structlog.testing.capture_logs() as logs:
+        server.roster.tick()
+        server.roster.tick()
+    assert logs == [], "it was said before"
+    assert server.names() == {"arm": RobotOrigin.ANNOUNCED}
+    server.parts.told = []
+    server.roster.tick()
+    assert server.names() == {"left_arm": RobotOrigin.ANNOUNCED}
 
 
 @pytest.mark.parametrize(

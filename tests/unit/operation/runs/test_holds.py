@@ -110,14 +110,6 @@ def test_a_hold_outlasts_the_server(tmp_path: Path) -> None:
     assert list(World(tmp_path).service.holds) == []
 
 
-def test_a_robot_that_is_gone_is_held_by_nobody(tmp_path: Path) -> None:
-    world = World(tmp_path)
-    world.service.holds.hold("left", "", "anna")
-    world.service.remove_robot("left")
-    assert list(world.service.holds) == []
-    assert world.journal.holds() == []
-
-
 def test_who_holds_a_robot_may_say_another_reason_and_nobody_else_takes_it(tmp_path: Path) -> None:
     world = World(tmp_path)
     holds = world.service.holds

@@ -9,12 +9,12 @@ import pytest
 import structlog
 
 from tests.unit.operation.runs.recorded_world import Machines, RecordedWorld
-from tests.unit.operation.runs.world import CONFIG
+from tests.unit.operation.runs.world import CONFIG, World
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ConfigError
-from ua_fleet.operation.runs.library import Checked
+from ua_fleet.operation.runs.library import MOST_BYTES, Checked, ScenarioUnknown
 from ua_fleet.operation.runs.records import RunRecord
-from ua_fleet.operation.runs.restart import scenario_to_go_on
+from ua_fleet.operation.runs.restart import runs_of_journal, scenario_to_go_on
 from ua_fleet.scenario import read_scenario
 from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, RunOutcome
 from ua_fleet.storage.run_journal import RunJournal
@@ -41,7 +41,7 @@ def test_a_run_goes_on_or_ends_with_the_reason(tmp_path: Path, problems: Sequenc
         record = RunRecord.of("r1", [CREATED])
         scenario = scenario_to_go_on(record, journal.facts("r1"), check, journal, log=structlog.get_logger(), now=200.0)
         written: list[Fact] = journal.facts("r1")[1:]
-    assert asked == [f"{TEXT}\n"]
+    assert asked == [TEXT], "byte for byte"
     if not problems:
         assert scenario == checked().scenario
         assert (written, record.ended) == ([], None)
@@ -50,6 +50,44 @@ def test_a_run_goes_on_or_ends_with_the_reason(tmp_path: Path, problems: Sequenc
         assert scenario is None
         assert written == [RunEnded(200.0, RunOutcome.FAILED, reason)]
         assert record.ended == 200.0
+
+
+STEPS = '"name": "shift", "steps": [{"task": "a", "skill": "grab", "robot": "left"}]}'
+LONG = "version: 1\nname: shift\nsteps:\n  - {task: a, skill: grab, robot: left}\n#"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f'\ufeff{{"version": 1, {STEPS}',
+        f'--- {{"version": 1, {STEPS}',
+        "version: 1\rname: shift\rsteps:\r  - {task: a, skill: grab, robot: left}\r",
+        LONG.ljust(MOST_BYTES, "x"),
+    ],
+    ids=["byte order mark", "one line", "carriage returns", "as long as may be"],
+)
+def test_a_run_of_a_file_goes_on_whatever_its_text_looks_like(tmp_path: Path, text: str) -> None:
+    (tmp_path / "shift.yaml").write_bytes(text.encode())
+    world = World(tmp_path)
+    run_id = world.start("shift")
+    world.journal.close()
+    again = World(tmp_path, robots=world.robots)
+    assert (again.service.run_ids, again.ended()) == ([run_id], [])
+
+
+def test_a_run_whose_text_cannot_be_read_costs_no_other_run(tmp_path: Path) -> None:
+    def check(text: str) -> Checked:
+        if "weld" in text:
+            raise ScenarioUnknown("'shift' is no name of a scenario")
+        return checked()
+
+    other = RunCreated(100.0, "r2", TEXT.replace("weld", "turn"))
+    with RunJournal(tmp_path / "runs") as journal:
+        journal.write([("r1", CREATED), ("r2", other)])
+        found = runs_of_journal(journal, check, log=structlog.get_logger(), now=200.0)
+    assert found.going_on_ids == {"r2"}
+    reason = "its scenario cannot be read (ScenarioUnknown): 'shift' is no name of a scenario"
+    assert found.records[0].state.reason == reason
 
 
 BOTH = """version: 1

@@ -130,11 +130,12 @@ class World:
         config: FleetConfig = CONFIG,
         requests: Requests | None = None,
         journal: FailingJournal | None = None,
+        began: float = 100.0,
     ) -> None:
         self.robots = robots or Robots()
         self.journal = FailingJournal(folder / "runs.db") if journal is None else journal
         self.said: list[Output] = []
-        self.now: float = 100.0
+        self.now: float = began
         self.mistakes = Mistakes()
         self.faulted: dict[str, bool] = {}
         """Whether the faults of robots take away all that they can do, as it was told last."""

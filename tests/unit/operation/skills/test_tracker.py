@@ -319,3 +319,12 @@ def test_paths_between_states_are_those_of_the_standard() -> None:
     for transition in Transition:
         assert path(*transition.ends) == (transition,)
         assert transition.text == f"{transition.ends[0].text}To{transition.ends[1].text}"
+
+
+def test_the_outcome_for_a_robot_that_is_gone_changes_nothing() -> None:
+    tracker = heard()
+    tracker.requested(TURN, FIRST, 10)
+    (robot,) = model().robots
+    tracker.remove(robot)
+    accepted = RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(S.RUNNING))
+    assert tracker.concluded(FIRST, accepted, 11) == []

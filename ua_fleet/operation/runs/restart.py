@@ -103,7 +103,8 @@ def parted_halts(halts: Iterable[Halt], robots: Container[str]) -> tuple[list[Ha
 def restore_faults(
     faults: Iterable[Fault], robots: Container[str], orchestrator: Orchestrator, finder: FaultFinder, now: float
 ) -> list[Output]:
-    """Have the orchestrator know faults of robots that are still there; what follows from that.
+    """Have the orchestrator know faults of robots that are still there; what follows from that. A fault whose condition
+    is in `fleet.yaml` no more ends.
 
     Args:
         faults: as they were kept.
@@ -119,7 +120,7 @@ def restore_faults(
         outputs += orchestrator.fault_raised(fault.robot, fault.source, fault.reason, fault.since, fault.capacities)
         if fault.acknowledged:
             outputs += orchestrator.acknowledge(fault.id, fault.acknowledged_by, now)
-        if fault.active:
+        if fault.active and not finder.has_lost_condition(fault):
             finder.restored(fault)
         else:
             outputs += orchestrator.fault_cleared(fault.robot, fault.source, now)

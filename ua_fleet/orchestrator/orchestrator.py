@@ -49,6 +49,7 @@ from ua_fleet.scenario.effects import (
 )
 from ua_fleet.scenario.facts import (
     Fact,
+    RunClosing,
     RunEnded,
     TaskAnswered,
     TaskFound,
@@ -433,9 +434,10 @@ class Orchestrator:
 
     def _taken(self, now: float) -> list[Output]:
         """What follows, with what follows from what became known meanwhile."""
-        while self._has_news:
-            self._has_news = False
-            self._go_on(now)
+        while self._has_news or self._claims.tell_queued(now):
+            if self._has_news:
+                self._has_news = False
+                self._go_on(now)
         outputs = list(self._outputs)
         self._outputs.clear()
         return outputs
@@ -532,6 +534,8 @@ class Orchestrator:
 
     def _happened(self, run_id: str, fact: Fact, now: float) -> None:
         self._outputs.append(RunChanged(run_id, fact))
+        is_closing = isinstance(fact, RunClosing)
+        self._claims.touch(run_id, self.runs[run_id].state.tasks if is_closing else (getattr(fact, "step", ""),))
         if isinstance(fact, TaskOver | TaskAnswered | TaskFound | TaskHalting):
             self._decisions.close(run_id, fact)
         if isinstance(fact, TaskOver):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Final
 
 from ua_fleet.orchestrator.choosing import Choosing
 from ua_fleet.orchestrator.halts import Halts
@@ -16,6 +17,11 @@ from ua_fleet.scenario.state import TaskPhase
 
 __all__ = ["Claim", "Claims"]
 
+_DOES: Final[dict[TaskPhase | None, str]] = {
+    TaskPhase.WANTED: "is to do",
+    TaskPhase.HALTING: "is to stop",
+    TaskPhase.LOST: "may still be at",
+}
 Claim = tuple[str, str]
 """A run's id and a step of it."""
 
@@ -25,6 +31,8 @@ class _Anybody:
     """A task that waits for whichever robot can do it."""
 
     wanted: WantRobot
+    looked_at: object = None
+    """What the last look was by; while it is the same, only a robot that is free again changes anything."""
     hope_until: float | None = None
     """So long a robot may still be heard that can, or be free, where none is."""
     since: float | None = None
@@ -95,8 +103,10 @@ class Claims:
         """When the hope for a robot ends, or None."""
         return min((at for one in self._anybody.values() if (at := one.hope_until) is not None), default=None)
 
-    def look_again(self, claim: Claim, now: float) -> None:
-        """Look again where nobody was there, or who was to do it cannot be asked now."""
+    def look_again(self, claim: Claim, now: float, is_free: bool = False) -> None:
+        """Look again where nobody was there or free, or who was to do it cannot be asked now; `is_free`: a robot is
+        that was not.
+        """
         waiting = self._anybody.get(claim)
         if waiting is None:
             return
@@ -106,13 +116,17 @@ class Claims:
             del self._anybody[claim]
             return
         robot = self._reservations.robot_of(claim)
-        task = run.task(step)
-        if (
-            robot is None
-            or self._reservations.holder(robot) != claim
-            or self._known.unfit(robot, self._known.needs(robot, task)) is not None
-        ):
+        if robot is not None and self._reservations.holder(robot) == claim:
+            is_another_wanted = self._known.unfit(robot, self._known.needs(robot, run.task(step))) is not None
+        else:
+            is_late = waiting.hope_until is not None and now >= waiting.hope_until
+            is_another_wanted = is_free or is_late or waiting.looked_at != self._seen(claim)
+        if is_another_wanted:
             self._want_anybody(run_id, waiting.wanted, now)
+
+    def _seen(self, claim: Claim) -> object:
+        """What candidates for a task follow from, apart from who has them."""
+        return self._choosing.moment(claim[0]), self._choosing.arguments(*claim)
 
     def touch(self, run_id: str, steps: Iterable[str]) -> None:
         """Something has happened to tasks: those that wait for their robots are told of it."""
@@ -128,7 +142,7 @@ class Claims:
             for claim in self.waiting():
                 robot = self._reservations.robot_of(claim)
                 if robot is not None and self._reservations.holder(robot) != claim:
-                    self._runs.guard(claim[0], now, self.look_again, claim, now)
+                    self._runs.guard(claim[0], now, self.look_again, claim, now, True)
         for robot in moved:
             for claim in self._reservations.queued(robot):
                 self._runs.guard(claim[0], now, self._tell_queued, claim, robot, now)
@@ -159,8 +173,7 @@ class Claims:
             return f"{robot} may still be at task {name} of run {owner}; say what became of it: {answer}"
         if run.state.closing is not None:
             return f"{robot} is to stop task {name} of run {owner}, which ends"
-        does = {TaskPhase.WANTED: "is to do", TaskPhase.HALTING: "is to stop", TaskPhase.LOST: "may still be at"}
-        has = f"{robot} {does.get(phase, 'does')} task {name} of run {owner}"
+        has = f"{robot} {_DOES.get(phase, 'does')} task {name} of run {owner}"
         return f"{has}; ua-fleet scenario abort {owner} ends that run"
 
     def _promised(self) -> list[str]:
@@ -193,13 +206,15 @@ class Claims:
 
     def _want_anybody(self, run_id: str, wanted: WantRobot, now: float) -> None:
         claim = run_id, wanted.step
+        seen = self._seen(claim)
         todo = self._choosing.wanted(run_id, wanted)
         ranking = self._choosing.ranked(todo)
         robot = self._chosen(ranking, claim)
         before = self._anybody.get(claim)
         if robot is not None:
-            self._anybody[claim] = _Anybody(wanted)
+            self._anybody[claim] = _Anybody(wanted, seen)
             if before is not None and before.since is not None:
+                self._told.pop(claim, None)
                 self._runs.tell(run_id, now, Run.waits, wanted.step, "", now)
             self.grant(self._reservations.want(claim, robot), now)
             return
@@ -208,8 +223,9 @@ class Claims:
         hope_until = self._known.hope_until(todo, since, now)
         reasons = "; ".join(self._known.why_not(left.robot, left.reason, todo.task) for left in ranking.excluded)
         reason = f"no robot can do {wanted.skill}: {reasons or 'there is none'}"
+        self._told.pop(claim, None)
         if hope_until is not None:
-            self._anybody[claim] = _Anybody(wanted, hope_until, since)
+            self._anybody[claim] = _Anybody(wanted, seen, hope_until, since)
             self._runs.tell(run_id, now, Run.waits, wanted.step, reason, now)
             return
         self._anybody.pop(claim, None)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from tests.unit.orchestrator.world import World
-from ua_fleet.orchestrator import TaskStarted, TaskWaiting
+from ua_fleet.orchestrator import Output, TaskStarted, TaskWaiting
 from ua_fleet.resilience import DecisionMode
 from ua_fleet.scenario.facts import TaskOutcome
 
@@ -129,12 +131,12 @@ def test_where_none_is_free_it_says_so_and_takes_the_first_that_is() -> None:
 def test_where_none_is_free_it_takes_one_that_can_work_again(how: str) -> None:
     world = World()
     make = world.make
-    begin = {
+    begin: Callable[[], list[Output]] = {
         "fault": lambda: make.fault_raised("pioneer_2", "robot", "hot", 0),
         "hold": lambda: make.hold("pioneer_2", "anna", "", 0),
         "silence": lambda: make.fault_raised("pioneer_2", "silent", "it is silent", 0),
     }[how]
-    end = {
+    end: Callable[[], list[Output]] = {
         "fault": lambda: make.fault_cleared("pioneer_2", "robot", 0.5),
         "hold": lambda: make.release("pioneer_2", "anna", 0.5),
         "silence": lambda: make.fault_cleared("pioneer_2", "silent", 0.5),

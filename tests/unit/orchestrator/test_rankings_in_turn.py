@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any
 
@@ -16,7 +16,7 @@ from tests.unit.orchestrator.world import FLEET, World
 from ua_fleet.orchestrator import Output
 from ua_fleet.orchestrator import decisions as decisions_module
 from ua_fleet.orchestrator.candidates import rank_robots
-from ua_fleet.orchestrator.claims import Claims
+from ua_fleet.orchestrator.claims import Claim, Claims
 from ua_fleet.orchestrator.decisions import TURN_S, Decisions, OpenedDecision
 from ua_fleet.resilience import DecisionMode, OnLimit, Ranking, RankingChanged
 from ua_fleet.scenario.facts import TaskOutcome
@@ -56,14 +56,20 @@ class AlwaysRanked(Decisions):
         return True
 
 
+def never_seen(claims: Claims, claim: Claim) -> object:
+    """What was seen is never what is seen now."""
+    del claims, claim
+    return object()
+
+
 @contextmanager
-def ranked(decisions: type[Decisions], places: int) -> Iterator[None]:
+def ranked(decisions: type[Decisions], places: int) -> Generator[None]:
     """Make orchestrators with such decisions, of which a turn ranks so many robots."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ua_fleet.orchestrator.orchestrator.Decisions", decisions)
         patch.setattr(decisions_module, "PLACES", places)
         if decisions is AlwaysRanked:
-            patch.setattr(Claims, "_seen", lambda _claims, _claim: object())  # never what it was
+            patch.setattr(Claims, "_seen", never_seen)
         yield
 
 

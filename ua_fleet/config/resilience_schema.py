@@ -16,6 +16,8 @@ from ua_fleet.scenario.expression import ExpressionInvalid
 
 __all__ = ["RESERVED_SOURCES", "CriterionConfig", "DistanceConfig", "FaultConditionConfig", "ResilienceConfig"]
 
+LONGEST_LIMIT_S: Final = 2e11
+"""A deadline is told to people as a time, and the last one of those is at the end of the year 9999."""
 RESERVED_SOURCES: Final = frozenset({"announced", "robot", "silent", "skill"})
 """What else finds faults."""
 
@@ -126,7 +128,7 @@ class ResilienceConfig(Model, frozen=True):
 
     mode: ModeName = ModeName.OPERATOR
     """`operator`: a person chooses. `automatic`: the best candidate. `abort`: nobody takes over."""
-    limit_s: float = Field(default=60.0, gt=0)
+    limit_s: float = Field(default=60.0, gt=0, le=LONGEST_LIMIT_S, allow_inf_nan=False)
     """How long an operator may think."""
     on_limit: Literal["best_if_known", "best", "abort"] = "best_if_known"
     """What happens then. `best_if_known`: the best candidate is taken, but where nobody knows whether the first robot

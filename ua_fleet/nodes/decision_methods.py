@@ -171,7 +171,7 @@ class DecisionMethods:
         self._service.decisions.set_settings(settings, caller().name)
         self._view.show_settings(settings)
         _log.info("judgements set", by=caller().name)
-        weights = settings.weights()
+        weights = settings.weights
         return float(weights.consistency_ratio), list(weights.names), list(weights.weights)
 
     async def _preview(self, decision_id: str, pairs: list[str], values: list[float]) -> Sequence[Any]:

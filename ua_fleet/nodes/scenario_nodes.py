@@ -190,7 +190,7 @@ class ScenarioNodes:
 
     def show_settings(self, settings: ResilienceSettings) -> None:
         """How replacements are chosen."""
-        weights = settings.weights()
+        weights = settings.weights
         judgements = settings.judgements
         units = {criterion.name: criterion.unit for criterion, _ in settings.criteria}
         values = {

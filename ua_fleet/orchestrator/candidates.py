@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
+from ua_fleet.fleet.skills import ArgumentModel
 from ua_fleet.resilience import (
     Candidate,
     Criterion,
@@ -25,6 +27,10 @@ from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.parameters import argument_problems
 
 __all__ = ["CriterionSource", "DistanceFrom", "ResilienceSettings", "TaskToDo", "TasksAhead", "ValueOf", "rank_robots"]
+
+
+MOST_DECLARATIONS: Final = 8
+"""Declarations of one skill that are told apart: each robot is compared with all of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +74,12 @@ class ResilienceSettings:
     """How long a silent robot is waited for."""
     return_s: float = 300.0
     """How long a silent robot is waited for that may be at a task with `on_unknown: retry`."""
+    weights: Weights = field(init=False, repr=False, compare=False)
+    """Of all criteria."""
 
     def __post_init__(self) -> None:
-        self.weights()  # refuses what cannot be weighed
-
-    def weights(self) -> Weights:
-        """Of all criteria."""
-        return weigh([criterion.name for criterion, _ in self.criteria], self.judgements)
+        weights = weigh([criterion.name for criterion, _ in self.criteria], self.judgements)  # or refuses them
+        object.__setattr__(self, "weights", weights)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +135,7 @@ def rank_robots(
     ]
     candidates: list[Candidate] = []
     excluded: list[Excluded] = []
+    problems_of = _Problems(task)
     for robot in fleet.robots.values():
         needs = dict.fromkeys((*task.capacities, *own[robot.name]))
         missing = [capacity for capacity in needs if capacity not in robot.capacities]
@@ -145,7 +151,7 @@ def rank_robots(
             excluded.append(Excluded(robot.name, task.excluded[robot.name]))
         elif robot.name == task.failed and not task.is_repaired:
             excluded.append(Excluded(robot.name, "is to be replaced"))
-        elif problems := task.problems(robot):
+        elif problems := problems_of(robot):
             excluded.append(Excluded(robot.name, f"cannot be asked: {'; '.join(problems)}"))
         else:
             values: dict[str, float] = {}
@@ -158,11 +164,29 @@ def rank_robots(
             candidates.append(Candidate(robot.name, values, unknown, tasks_ahead(robot.name)))
     return rank(
         [criterion for criterion, _ in criteria],
-        settings.weights().among([criterion.name for criterion, _ in criteria]),
+        settings.weights.among([criterion.name for criterion, _ in criteria]),
         candidates,
         excluded=excluded,
         synthesis=settings.synthesis,
     )
+
+
+class _Problems:
+    """Why robots cannot be asked: found once for all that declare the same arguments."""
+
+    def __init__(self, task: TaskToDo) -> None:
+        self._task = task
+        self._known: list[tuple[tuple[ArgumentModel, ...], list[str]]] = []
+
+    def __call__(self, robot: RobotView) -> list[str]:
+        arguments = robot.skills[self._task.task.skill].arguments
+        for known, problems in self._known:
+            if known == arguments:
+                return problems
+        problems = self._task.problems(robot)
+        if len(self._known) < MOST_DECLARATIONS:
+            self._known.append((arguments, problems))
+        return problems
 
 
 def _applies(source: CriterionSource, task: TaskToDo, lookup: Lookup) -> bool:

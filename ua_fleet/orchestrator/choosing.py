@@ -30,8 +30,36 @@ class Choosing:
             lookup: values of robots.
         """
         self._known, self._runs, self._lookup = known, runs, lookup
+        self.facts = 0
+        """How many facts of runs there were: each may change what robots have ahead."""
+        self._facts_of: Counter[str] = Counter()
+        self._ahead: tuple[tuple[object, ...], Counter[str | None]] | None = None
+        """The counts of tasks ahead, with what they were made of."""
         self.promised: Callable[[], Iterable[str]] = tuple
         """Robots that tasks have of which their runs are not told yet; once for each."""
+
+    def happened(self, run_id: str) -> None:
+        """A run has another fact."""
+        self.facts += 1
+        self._facts_of[run_id] += 1
+
+    def forget(self, run_id: str) -> None:
+        """A run is over."""
+        self.facts += 1
+        self._facts_of.pop(run_id, None)
+
+    def moment(self, run_id: str) -> tuple[int, int]:
+        """While this is the same, a run can choose among the same robots; values apart."""
+        return self._known.version, self._facts_of[run_id]
+
+    def arguments(self, run_id: str, step: str) -> Mapping[str, tuple[type, Value]]:
+        """What a task would be begun with now, as far as it is known, with the kinds of these values."""
+        return {name: (type(value), value) for name, value in self._arguments(run_id, step).items()}
+
+    def argument_names(self, run_id: str, step: str) -> set[str]:
+        """The names that arguments of a task are computed from."""
+        arguments = self._runs[run_id].task(step).arguments.values()
+        return {name for value in arguments if isinstance(value, Expression) for name in value.names}
 
     def wanted(self, run_id: str, wanted: WantRobot) -> TaskToDo:
         """A task that waits for whichever robot can do it."""
@@ -74,12 +102,18 @@ class Choosing:
 
         return len(ahead), found()
 
-    def ranked(self, todo: TaskToDo, settings: ResilienceSettings | None = None) -> Ranking:
-        """The ranking now; by other settings than those that count, where some are given."""
-        return self._ranked(todo, self._count_ahead(), settings)
+    def ranked(
+        self, todo: TaskToDo, settings: ResilienceSettings | None = None, lookup: Lookup | None = None
+    ) -> Ranking:
+        """The ranking now; by other settings than those that count, or another lookup of values, where it is given."""
+        return self._ranked(todo, self._count_ahead(), settings, lookup)
 
     def _ranked(
-        self, todo: TaskToDo, ahead: Counter[str | None], settings: ResilienceSettings | None = None
+        self,
+        todo: TaskToDo,
+        ahead: Counter[str | None],
+        settings: ResilienceSettings | None = None,
+        lookup: Lookup | None = None,
     ) -> Ranking:
         return rank_robots(
             todo,
@@ -87,7 +121,7 @@ class Choosing:
             settings or self._known.settings,
             unfit=self._known.unfit,
             tasks_ahead=ahead.__getitem__,
-            lookup=self._lookup,
+            lookup=lookup or self._lookup,
         )
 
     def _arguments(self, run_id: str, step: str) -> Mapping[str, Value]:
@@ -103,7 +137,12 @@ class Choosing:
 
     def _count_ahead(self) -> Counter[str | None]:
         """How many tasks of all runs each robot has ahead."""
-        counts = Counter[str | None](self.promised())
-        for run in self._runs.values():
-            counts.update(run.count_ahead())
-        return counts
+        promised = tuple(self.promised())
+        tasks = sum([len(run.state.tasks) for run in self._runs.values()])
+        made_of = (self.facts, self._known.version, len(self._runs), tasks, promised)
+        if self._ahead is None or self._ahead[0] != made_of:
+            counts = Counter[str | None](promised)
+            for run in self._runs.values():
+                counts.update(run.count_ahead())
+            self._ahead = made_of, counts
+        return self._ahead[1]

@@ -51,13 +51,17 @@ class FaultConditions:
         self._active: set[tuple[str, str]] = set()
 
     def restored(self, robot: str, source: str) -> None:
-        """A fault of a run before is active still; it is left alone where no rule can end it any more."""
-        if any(rule.name == source and robot in rule.robots for rule in self._rules):
+        """A fault of a run before is active still, and a rule can end it."""
+        if self.is_about(robot, source):
             self._active.add((robot, source))
 
     def forget(self, robot: str) -> None:
         """A robot is gone: what is true when it comes again is found anew."""
         self._active = {key for key in self._active if key[0] != robot}
+
+    def is_about(self, robot: str, source: str) -> bool:
+        """Whether a rule finds such a fault of a robot, and its end."""
+        return any(rule.name == source and robot in rule.robots for rule in self._rules)
 
     def is_active(self, robot: str, source: str) -> bool:
         """Whether a condition was true when it was looked at last."""

@@ -76,6 +76,5 @@ class Halting:
     def _ask_people(self, now: float) -> None:
         for halt in self._halts.unanswered(now):
             if not any(fault.source == NOT_HALTED for fault in self._known.faults.active(halt.robot)):
-                what = f"{halt.skill} ({halt.why})" if halt.why else halt.skill
-                said = f"it was told to stop {what}, and has not said that it has"
+                said = f"it was told to stop {halt.what}, and has not said that it has"
                 self._guard.do("faults", self._take_in, FaultFound(halt.robot, NOT_HALTED, True, said), now)

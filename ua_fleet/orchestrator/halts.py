@@ -79,6 +79,11 @@ class Halts:
         grants = self.let_go(claim) if self._reservations.robot_of(claim) is not None else []
         return owed.halt, grants
 
+    def get(self, execution_id: str) -> Halt | None:
+        """The halt of an execution; None where none is owed."""
+        owed = self._owed.get(execution_id)
+        return None if owed is None else owed.halt
+
     def of(self, robot: str) -> list[Halt]:
         """Those that a robot has not confirmed."""
         return [owed.halt for owed in self._owed.values() if owed.halt.robot == robot]

@@ -32,6 +32,8 @@ class Knowledge:
         self.settings, self.fleet = settings, fleet
         self.faults = Faults()
         self.holds = Holds()
+        self.version = 0
+        """Another one whenever something else is known of robots, or how replacements are chosen."""
         self.explain_silence: Callable[[str], str] = _unexplained
         """See `why_silent`."""
         self._driven: dict[str, str] = {}
@@ -44,6 +46,10 @@ class Knowledge:
         """Until when robots said so of executions of runs that they say it of no more."""
         self._of_runs: dict[str, None] = {}
         """Executions that runs have asked for, also those that are over: their robots may say it later."""
+
+    def changed(self) -> None:
+        """Something is not as it was: who has looked before may look again."""
+        self.version += 1
 
     @property
     def silence_s(self) -> float:
@@ -102,6 +108,7 @@ class Knowledge:
             self._driven[robot] = told
         else:
             del self._driven[robot]
+        self.changed()
         return True
 
     def _is_elsewhere(self, robot: str) -> bool:
@@ -109,6 +116,8 @@ class Knowledge:
 
     def asked_for(self, execution_id: str) -> None:
         """A run has a robot do this."""
+        if any(execution_id in told for told in self._followed.values()):
+            self.changed()
         self._of_runs.pop(execution_id, None)
         self._of_runs[execution_id] = None
         if len(self._of_runs) > MOST_EXECUTIONS:
@@ -126,8 +135,11 @@ class Knowledge:
         before, was_elsewhere = self._followed.get(robot, frozenset()), self._is_elsewhere(robot)
         changed = {execution_id for execution_id in before ^ told if execution_id in under_way}
         self._followed[robot] = told
+        has_changed_place = self._is_elsewhere(robot) != was_elsewhere
+        if has_changed_place:
+            self.changed()
         if not changed:
-            return self._is_elsewhere(robot) != was_elsewhere
+            return has_changed_place
         self._followed_until = {key: at for key, at in self._followed_until.items() if key in under_way}
         self._followed_until.update(dict.fromkeys(changed - told, now))
         return True
@@ -147,23 +159,27 @@ class Knowledge:
     def not_heard(self, robots: Iterable[str], now: float) -> None:
         """Nothing is heard of robots, from now on."""
         self._silent.update(dict.fromkeys(robots, now))
+        self.changed()
 
     def forget(self, robot: str) -> None:
         """A robot is gone."""
         self._silent.pop(robot, None)
         self._driven.pop(robot, None)
         self._followed.pop(robot, None)
+        self.changed()
 
     def raised(
         self, robot: str, source: str, reason: str, now: float, capacities: tuple[str, ...] = ()
     ) -> tuple[Fault, FaultChange] | None:
         """Something is wrong with a robot; None where that is known already."""
+        self.changed()
         if source == SILENT:
             self._silent.setdefault(robot, now)
         return self.faults.raise_fault(robot, source, reason, now, capacities)
 
     def cleared(self, robot: str, source: str) -> tuple[Fault, FaultChange] | None:
         """It is over; None where there was nothing."""
+        self.changed()
         if source == SILENT:
             self._silent.pop(robot, None)
         return self.faults.clear(robot, source)

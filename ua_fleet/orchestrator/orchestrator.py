@@ -49,6 +49,7 @@ from ua_fleet.scenario.effects import (
 )
 from ua_fleet.scenario.facts import (
     Fact,
+    RunClosing,
     RunEnded,
     TaskAnswered,
     TaskFound,
@@ -93,7 +94,7 @@ class Orchestrator:
         self._halts = Halts(reservations)
         self._claims = Claims(self._known, self._choosing, self._under_way, reservations, self._halts)
         self._halting = Halting(self._halts, self._known, self._claims, self._outputs, self._guard, self._take_in)
-        self._decisions = Decisions(self._known, self._choosing, self._under_way, self._outputs)
+        self._decisions = Decisions(self._known, self._choosing, self._under_way, self._outputs, lookup)
         self._executions: dict[str, str] = {}
         """The run of each execution that is under way."""
         self._has_news = False
@@ -102,6 +103,10 @@ class Orchestrator:
     def explain_silence(self, explain: Callable[[str], str]) -> None:
         """Have somebody say why nothing is heard of a robot, and what to do: its bridge is away, say. May be empty."""
         self._known.explain_silence = explain
+
+    def silence_explained(self) -> None:
+        """Why nothing is heard of robots is not what it was."""
+        self._known.changed()
 
     def tell_mistakes(self, caught: Callable[[str, Exception], None]) -> None:
         """Tell of each mistake that costs a fault or a halt its turn; without this it is raised. Those that cost a run
@@ -293,6 +298,7 @@ class Orchestrator:
     def fleet_changed(self, fleet: FleetView, now: float) -> list[Output]:
         """Robots, skills or capacities have come or gone."""
         self._known.fleet = fleet
+        self._known.changed()
         return self.poll(now)
 
     def told(
@@ -337,6 +343,7 @@ class Orchestrator:
     def _held(self, hold: Hold | None, by: str, now: float, *, is_held: bool) -> list[Output]:
         if hold is not None:
             self._outputs.append(HoldChanged(hold, is_held, by))
+            self._known.changed()
             self._has_news = True
         return self._taken(now)
 
@@ -406,6 +413,7 @@ class Orchestrator:
     def set_settings(self, settings: ResilienceSettings, now: float) -> list[Output]:
         """Other criteria, judgements or modes; open decisions are ranked again."""
         self._known.settings = settings
+        self._known.changed()
         return self.poll(now)
 
     def what_if(self, robot: str) -> tuple[int, Iterator[FaultForecast]]:
@@ -441,13 +449,18 @@ class Orchestrator:
     # Within.
 
     def _journal_of(self, run_id: str) -> Callable[[Fact], None]:
-        return lambda fact: self._journal(run_id, fact)
+        def journal(fact: Fact) -> None:
+            self._choosing.happened(run_id)
+            self._journal(run_id, fact)
+
+        return journal
 
     def _taken(self, now: float) -> list[Output]:
         """What follows, with what follows from what became known meanwhile."""
-        while self._has_news:
-            self._has_news = False
-            self._go_on(now)
+        while self._has_news or self._claims.tell_queued(now):
+            if self._has_news:
+                self._has_news = False
+                self._go_on(now)
         outputs = list(self._outputs)
         self._outputs.clear()
         return outputs
@@ -458,8 +471,10 @@ class Orchestrator:
             self._under_way.tell(run_id, now, Run.poll, self._lookup, now)
         for claim in self._claims.waiting():
             self._under_way.guard(claim[0], now, self._claims.look_again, claim, now)
+        self._decisions.look_at_values()
         for opened in self._decisions:
             self._under_way.guard(opened.run_id, now, self._decisions.look_again, opened, now)
+        self._decisions.rank_in_turn(now)
 
     def _on(self, run_id: str, what: Callable[[Run], list[Effect]], now: float) -> list[Output]:
         if run_id not in self.runs:
@@ -544,6 +559,8 @@ class Orchestrator:
 
     def _happened(self, run_id: str, fact: Fact, now: float) -> None:
         self._outputs.append(RunChanged(run_id, fact))
+        is_closing = isinstance(fact, RunClosing)
+        self._claims.touch(run_id, self.runs[run_id].state.tasks if is_closing else (getattr(fact, "step", ""),))
         if isinstance(fact, TaskOver | TaskAnswered | TaskFound | TaskHalting):
             self._decisions.close(run_id, fact)
         if isinstance(fact, TaskOver):
@@ -580,6 +597,7 @@ class Orchestrator:
 
     def _forget(self, run_id: str) -> None:
         del self._scenarios[run_id]
+        self._choosing.forget(run_id)
         for execution_id in [key for key, owner in self._executions.items() if owner == run_id]:
             del self._executions[execution_id]
 

@@ -105,6 +105,11 @@ class Halt:
     why: str = ""
     """Which task of which run it was at, and why it was told to stop, for people."""
 
+    @property
+    def what(self) -> str:
+        """What the robot was told to stop, for people."""
+        return f"{self.skill} ({self.why})" if self.why else self.skill
+
 
 @dataclass(frozen=True, slots=True)
 class HaltChanged:

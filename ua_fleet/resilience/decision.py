@@ -174,7 +174,7 @@ class Decision:
         """End the decision when its limit is over; in mode Automatic as soon as there is a candidate, or no hope."""
         if self.outcome is not None:
             return []
-        if self._is_by_itself:
+        if self.is_by_itself:
             is_known = self.ranking.best is not None or now >= self._hope_until
             return [self._best("automatic")] if is_known and now >= self._not_before else []
         if now < self._limit_at:
@@ -189,12 +189,13 @@ class Decision:
         """When `poll` is to be called next, or None."""
         if self.outcome is not None:
             return None
-        if not self._is_by_itself:
+        if not self.is_by_itself:
             return self._limit_at
         return self._not_before if self.ranking.best is not None else max(self._hope_until, self._not_before)
 
     @property
-    def _is_by_itself(self) -> bool:
+    def is_by_itself(self) -> bool:
+        """Whether the best candidate is taken as soon as there is one."""
         return self.mode is DecisionMode.AUTOMATIC and not self._is_unknown
 
     def _best(self, by: str) -> DecisionEvent:

@@ -26,6 +26,7 @@ class Reservations(Generic[Claim]):
         self._queues: dict[str, deque[Claim]] = {}
         """The first of each queue has the robot."""
         self._robots: dict[Claim, str] = {}
+        self._moved: dict[str, None] = {}
 
     def want(self, claim: Claim, robot: str) -> list[Grant[Claim]]:
         """Ask for a robot. Asking again changes nothing, or says again what is granted; another robot replaces it."""
@@ -36,6 +37,7 @@ class Reservations(Generic[Claim]):
         queue = self._queues.setdefault(robot, deque())
         queue.append(claim)
         self._robots[claim] = robot
+        self._moved[robot] = None
         return [*grants, Grant(claim, robot)] if queue[0] == claim else grants
 
     def release(self, claim: Claim) -> list[Grant[Claim]]:
@@ -46,6 +48,7 @@ class Reservations(Generic[Claim]):
         queue = self._queues[robot]
         had = queue[0] == claim
         queue.remove(claim)
+        self._moved[robot] = None
         if not queue:
             del self._queues[robot]
         elif had:
@@ -58,6 +61,7 @@ class Reservations(Generic[Claim]):
         queue = self._queues[robot]
         queue[queue.index(claim)] = to
         self._robots[to] = robot
+        self._moved[robot] = None
 
     def holder(self, robot: str) -> Claim | None:
         """Who has a robot."""
@@ -67,6 +71,22 @@ class Reservations(Generic[Claim]):
     def robot_of(self, claim: Claim) -> str | None:
         """The robot that a claim has, or waits for."""
         return self._robots.get(claim)
+
+    def queued(self, robot: str) -> list[Claim]:
+        """Who waits for a robot that another claim has, the next first."""
+        return list(self._queues.get(robot, ()))[1:]
+
+    def touch(self, claim: Claim) -> None:
+        """Something has happened to a claim: who waits for its robot is among those of `take_moved`."""
+        robot = self._robots.get(claim)
+        if robot is not None and len(self._queues[robot]) > 1:
+            self._moved[robot] = None
+
+    def take_moved(self) -> list[str]:
+        """The robots for which others wait, or of which others have them, since this was asked last."""
+        moved = list(self._moved)
+        self._moved.clear()
+        return moved
 
     def tasks_ahead(self, robot: str) -> int:
         """How many claims a robot has to serve."""

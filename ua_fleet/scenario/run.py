@@ -181,6 +181,7 @@ class Run:
 
         def take(moment: WalkState) -> None:
             task_run = self.state.tasks.get(step)
+            self._tending.queued(step, "")
             wanted = task_run is not None and task_run.phase is TaskPhase.WANTED
             if task_run is None or not wanted or self.state.paused or self.state.closing is not None:
                 moment.effects.append(ReleaseRobot(step))
@@ -208,11 +209,17 @@ class Run:
 
         return self._after(now, take)
 
-    def waits(self, step: str, reason: str, now: float) -> list[Effect]:
-        """No robot can do a task now that waits for any; one may be able to soon."""
+    def waits(self, step: str, reason: str, now: float, robot: str = "") -> list[Effect]:
+        """A task waits: for a robot that another run has, or, without `robot`, for any that can do it. Empty: it does
+        not wait for that any more.
+        """
 
         def take(moment: WalkState) -> None:
-            if self.state.phase(step) is TaskPhase.WANTED:
+            if self.state.phase(step) is not TaskPhase.WANTED:
+                return
+            if robot:
+                self._tending.queued(step, reason)  # it is told with what else keeps the task from its robot
+            else:
                 self._tending.tell(step, self.task(step), "", reason, moment)
 
         return self._after(now, take)

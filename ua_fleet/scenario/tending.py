@@ -75,6 +75,8 @@ class Tending:
         self._world, self._run = world, run
         self._held: set[str] = set()
         """Tasks that have their robot, and wait until it is heard, or free."""
+        self._queued: dict[str, str] = {}
+        """Why tasks do not have their robots yet: what other runs do with these."""
         self._occupied_since: dict[str, float] = {}
         """Since when the robots that tasks have are not free (`RobotsView.occupied`); begins anew after a restart."""
         self._lacking: dict[str, float | None] = {}
@@ -93,6 +95,13 @@ class Tending:
     def held(self, step: str) -> None:
         """A task has its robot, which is silent, or is at something else."""
         self._held.add(step)
+
+    def queued(self, step: str, reason: str) -> None:
+        """A task waits for a robot that another run has; without a reason, it does not."""
+        if reason:
+            self._queued[step] = reason
+        else:
+            self._queued.pop(step, None)
 
     def lacks(self, step: str) -> None:
         """A task has its robot, and an argument of it has no value now."""
@@ -139,8 +148,10 @@ class Tending:
         elif step in self._lacking:
             return self._is_value_tended(step, task, robot, moment)
         else:
-            was_held = step in self._held
-            self.tell(step, task, robot, "", moment)
+            was_held, queued = step in self._held, self._queued.get(step, "")
+            self.tell(step, task, robot, queued, moment)
+            if queued:
+                return False
             self._forget(step)
             if was_held:
                 self._run.ask(step, moment)
@@ -192,6 +203,7 @@ class Tending:
     def _forget(self, step: str) -> None:
         """A task does not have its robot any more, or has no reason to wait with it."""
         self._held.discard(step)
+        self._queued.pop(step, None)
         self._occupied_since.pop(step, None)
         self._lacking.pop(step, None)
         self._told.pop(step, None)

@@ -18,6 +18,7 @@ from ua_fleet.orchestrator import (
     Output,
     RunChanged,
     TaskStarted,
+    TaskWaiting,
 )
 from ua_fleet.resilience import RankingChanged, ReplacementChosen
 from ua_fleet.scenario.facts import (
@@ -63,6 +64,11 @@ class RunLog:
         elif isinstance(output, HoldChanged):
             hold, what = output.hold, "held from tasks" if output.is_held else "released for tasks"
             _log.info(f"robot is {what}", robot=hold.robot, by=output.by, reason=hold.reason)
+        elif isinstance(output, TaskWaiting):
+            waits = output.waits
+            if waits.step and waits.reason:
+                ids = {"step": waits.step, "task": waits.task, "robot": waits.robot, "skill": waits.skill}
+                _log.info("task waits", run_id=output.run_id, **ids, reason=waits.reason)
         elif isinstance(output, OperatorAsked):
             ids = {"run_id": output.run_id, "step": output.step, "task": output.task, "robot": output.robot}
             _log.warning(

@@ -96,6 +96,14 @@ def test_all_mistakes_are_told_at_once_with_their_lines() -> None:
     ]
 
 
+@pytest.mark.parametrize("limit_s", ["1e12", "200000000001", ".inf", "1e999", ".nan"])
+def test_how_long_people_may_think_ends_before_times_do(limit_s: str) -> None:
+    (told,) = problems(f"  limit_s: {limit_s}\n")
+    assert told.startswith("20:resilience.limit_s: must be ")
+    assert ("at most 2e+11" in told) is (limit_s[0] in "12" and limit_s != "1e999")
+    assert not problems("  limit_s: 2e11\n"), "the highest that works"
+
+
 def test_criteria_are_for_capacities_and_skills_that_some_robot_has() -> None:
     assert not problems("""\
   criteria:

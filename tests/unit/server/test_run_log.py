@@ -4,8 +4,18 @@ from __future__ import annotations
 
 from structlog.testing import capture_logs
 
-from ua_fleet.orchestrator import DecisionChanged, Fault, FaultChange, FaultChanged, OperatorAsked, Output, RunChanged
+from ua_fleet.orchestrator import (
+    DecisionChanged,
+    Fault,
+    FaultChange,
+    FaultChanged,
+    OperatorAsked,
+    Output,
+    RunChanged,
+    TaskWaiting,
+)
 from ua_fleet.resilience import Aborted, Ranking, RankingChanged, ReplacementChosen, Synthesis, Weights
+from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome, TaskAssigned, TaskOutcome, TaskOver, Then
 from ua_fleet.server.run_log import RunLog
 
@@ -29,6 +39,15 @@ def test_a_task_that_fails_says_what_follows() -> None:
     assert begun == {"event": "task begins", "log_level": "info", **IDS, "attempt": 1}
     outcome = {"outcome": "failed", "then": "retry", "reason": "it slipped"}
     assert ended == {"event": "task ended", "log_level": "warning", **IDS, **outcome}
+
+
+def test_a_task_that_waits_says_for_what() -> None:
+    reason = "arm does task weld of run other"
+    waiting = TaskWaiting(RUN, TaskWaits("0", "weld", "join", "arm", reason))
+    over = TaskWaiting(RUN, TaskWaits("0", "weld", "join", "arm", ""))
+    (line,) = said(RunLog(), waiting, over)
+    ids = {"run_id": RUN, "step": "0", "task": "weld", "skill": "join", "robot": "arm"}
+    assert line == {"event": "task waits", "log_level": "info", **ids, "reason": reason}
 
 
 def test_ended_runs_are_counted_by_outcome() -> None:

@@ -9,13 +9,15 @@ from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import FleetModel, RobotModel, RobotState
 from ua_fleet.orchestrator import Fault, FaultConditions, FaultFound, FaultRule
 from ua_fleet.scenario import Lookup
-from ua_fleet.scenario.consequences import ANNOUNCED, SILENT
+from ua_fleet.scenario.consequences import ALARM, ANNOUNCED, BRIDGE_OFF, NOT_HALTED, RAISED, SILENT, SKILL
 from ua_fleet.values import NodeId, Quality, quality_of
 
 __all__ = ["ANNOUNCED", "SILENT", "FaultFinder"]
 
 MOST_CHARACTERS: Final = 200
 """Of what a robot says of its fault."""
+_OF_NO_CONDITION: Final = frozenset({ANNOUNCED, BRIDGE_OFF, NOT_HALTED, RAISED, SILENT, SKILL})
+"""Sources of faults that have no condition in `fleet.yaml`; beside them those of alarms."""
 
 
 class FaultFinder:
@@ -81,6 +83,13 @@ class FaultFinder:
     def restored(self, fault: Fault) -> None:
         """A fault of a run before the restart."""
         self._conditions.restored(fault.robot, fault.source)
+
+    def has_lost_condition(self, fault: Fault) -> bool:
+        """Whether a condition found a fault that is in `fleet.yaml` no more, or not for this robot: nothing would end
+        the fault.
+        """
+        is_of_condition = fault.source not in _OF_NO_CONDITION and not fault.source.startswith(ALARM)
+        return is_of_condition and not self._conditions.is_about(fault.robot, fault.source)
 
     def knows(self, change: ValueChanged) -> bool:
         """Whether a node is about faults alone, and no condition can be about it."""

@@ -7,7 +7,6 @@ import json
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from math import isfinite
 from typing import Final, NamedTuple
 
 from ua_fleet.orchestrator import BridgeTold, DecisionChanged
@@ -37,6 +36,8 @@ MOST_ROWS: Final = 500
 
 MOST_REASONS: Final = 5
 """Tasks of which a run says at once why they wait."""
+_LAST_TIME_S: Final = 253_402_300_799
+"""The end of the year 9999."""
 _DECIDED_ABOUT: Final = (TaskPhase.REPLACING, TaskPhase.ASKED)
 _NOT_KNOWN: Final = (Then.ASK, Then.AWAIT)
 """What follows where nobody knows whether an attempt has ended."""
@@ -272,7 +273,7 @@ class DecisionRecord:
             ways.append(f"say who does it: ua-fleet decision confirm {self.id} {'|'.join(one.robot for one in ranked)}")
         else:
             ways.append(f"no other robot can do it now: ua-fleet scenario abort {self.run_id} ends the run")
-        limit = "" if until is None else f"; waits until {utc_text(until)}"
+        limit = "" if until is None or not _is_time(until) else f"; waits until {utc_text(until)}"
         return f"task {self.task} waits: {self.reason}; {'; '.join(ways)}{limit}"
 
     def apply(self, changed: DecisionChanged, now: float | None = None) -> None:
@@ -281,7 +282,7 @@ class DecisionRecord:
         is_open = isinstance(changed.event, RankingChanged)
         if is_open and (self.opened is None or self.state != "open"):
             self.opened = now
-        self.deadline = changed.until if is_open and changed.until is not None and isfinite(changed.until) else None
+        self.deadline = changed.until if is_open and changed.until is not None and _is_time(changed.until) else None
         match changed.event:
             case RankingChanged(ranking=ranking):
                 self.state, self.chosen, self.by, self.ranking = "open", "", "", ranking
@@ -289,3 +290,8 @@ class DecisionRecord:
                 self.state, self.chosen, self.by, self.ranking = "chosen", robot, by, ranking
             case Aborted(reason=reason):
                 self.state, self.reason = "aborted", reason
+
+
+def _is_time(seconds: float) -> bool:
+    """Whether a deadline is a time that can be told: `silence_s` may be longer than there are years."""
+    return abs(seconds) <= _LAST_TIME_S

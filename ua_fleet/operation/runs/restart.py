@@ -143,6 +143,8 @@ def restore_faults(
 ) -> list[Output]:
     """Have the orchestrator know faults of robots that are still there, and what people say of the others.
 
+    A fault whose condition is in `fleet.yaml` no more ends.
+
     Args:
         faults: as they were kept.
         robots: names of those that are there.
@@ -157,7 +159,7 @@ def restore_faults(
         outputs += orchestrator.fault_raised(fault.robot, fault.source, fault.reason, fault.since, fault.capacities)
         if fault.acknowledged:
             outputs += orchestrator.acknowledge(fault.id, fault.acknowledged_by, now)
-        if fault.active:
+        if fault.active and not finder.has_lost_condition(fault):
             finder.restored(fault)
         else:
             outputs += orchestrator.fault_cleared(fault.robot, fault.source, now)

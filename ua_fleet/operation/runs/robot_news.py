@@ -214,6 +214,7 @@ class RobotNews:
         """
         if not self._bridges.set_link(bridge, reaches=reaches):
             return
+        self._orchestrator.silence_explained()
         for topic in [robot.skill_status for robot in self._robots.values() if robot.bridge == bridge]:
             if topic is not None and reaches:
                 self.source_returned(topic)
@@ -227,6 +228,7 @@ class RobotNews:
             one for one in self._orchestrator.faults if one.active and one.source == SILENT and one.robot in robots
         ]
         silent = [one for one in silent if self.finder.is_there(one)]  # else its end is news that is not taken in yet
+        self._orchestrator.silence_explained()
         self._tell_soon([FaultFound(one.robot, SILENT, True, one.reason.partition(":")[0]) for one in silent])
         self._look_again(is_urgent=True)
 

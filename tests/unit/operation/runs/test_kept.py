@@ -9,7 +9,7 @@ import pytest
 from tests.unit.operation.runs.world import CONFIG, IMMEDIATE, ONE, World
 from ua_fleet.config.resilience_schema import ModeName
 from ua_fleet.errors import StorageUnavailable
-from ua_fleet.orchestrator import DecisionChanged
+from ua_fleet.orchestrator import DecisionChanged, FaultFound
 from ua_fleet.resilience import Aborted
 from ua_fleet.scenario.consequences import SETTLE_S
 from ua_fleet.values import BuiltinType
@@ -60,17 +60,43 @@ def test_a_battery_that_was_low_before_the_restart_is_seen_to_be_low_again(tmp_p
     assert "left.battery_low RAISED" in again.faults()
 
 
-def test_a_fault_that_no_rule_can_end_any_more_can_be_cleared(tmp_path: Path) -> None:
+RAISED_BEFORE = ("robot", "skill", "not_halted", "announced", "alarm.battery")
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        {},
+        {"battery_low": {"robots": ["right"], "when": "battery < 20"}},
+        {"empty": {"robots": ["left"], "when": "battery < 5"}},
+    ],
+    ids=["gone", "not of this robot", "renamed"],
+)
+def test_a_fault_whose_condition_is_gone_ends_at_the_start(tmp_path: Path, faults: dict[str, object]) -> None:
     world = World(tmp_path)
     world.value(1000, 15.0)
     world.pass_time(1.0)
-    others = {"battery_low": {"robots": ["right"], "when": "battery < 20"}}
-    resilience = CONFIG.resilience.model_validate({"mode": "automatic", "faults": others})
     world.journal.close()
+    resilience = CONFIG.resilience.model_validate({"mode": "automatic", "faults": faults})
     again = World(tmp_path, config=CONFIG.model_copy(update={"resilience": resilience}))
-    assert [fault.id for fault in again.service.faults] == ["left.battery_low"]
-    again.service.fault_reports.clear_fault("left")
-    assert not [fault for fault in again.service.faults if fault.active]
+    assert again.faults() == ["left.battery_low RAISED", "left.battery_low CLEARED"], "it is told as other ends"
+    assert [fault.id for fault in again.service.faults] == ["left.battery_low"], "nobody has acknowledged it"
+    again.start()
+    assert [robot for robot, _, _ in again.robots.asked] == ["left"]
+    again.service.fault_reports.acknowledge("left.battery_low", "anna")
+    again.journal.close()
+    assert World(tmp_path).faults() == [], "that it is over is written down"
+
+
+def test_faults_that_no_condition_found_stay(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.service.news.alarms_found([FaultFound("left", source, True, "it was so") for source in RAISED_BEFORE])
+    world.pass_time(1.0)
+    world.journal.close()
+    resilience = CONFIG.resilience.model_validate({"mode": "automatic"})
+    again = World(tmp_path, config=CONFIG.model_copy(update={"resilience": resilience}), heard=())
+    active = [fault.source for fault in again.service.faults if fault.active]
+    assert sorted(active) == sorted(RAISED_BEFORE)
 
 
 def test_a_decision_ends_with_its_run(tmp_path: Path) -> None:

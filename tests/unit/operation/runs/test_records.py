@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from math import inf
 
+import pytest
+
 from tests.unit.operation.runs.test_decision_words import RANKING
 from ua_fleet.operation.runs.records import DecisionRecord, RunRecord
 from ua_fleet.orchestrator import DecisionChanged
@@ -105,3 +107,12 @@ def test_a_decision_says_since_when_and_until_when_it_is_open() -> None:
     assert (record.opened, record.deadline) == (10.0, None)
     record.apply(changed(ranked, -inf), 40.0)
     assert (record.opened, record.deadline) == (40.0, None), "opened again, and decided at once"
+
+
+@pytest.mark.parametrize("until", [inf, -inf, 1e12])
+def test_a_decision_says_no_time_after_the_last_one(until: float) -> None:
+    record = DecisionRecord("r.0", "r", "0", "fetch", "ned", "stuck")
+    record.apply(DecisionChanged("r", "0", "fetch", "ned", "stuck", RankingChanged("r.0", RANKING), until), 5.0)
+    assert record.deadline is None
+    assert "waits until" not in record.awaited(is_asked=False, until=until)
+    assert record.awaited(is_asked=False, until=2e11).endswith("; waits until 8307-10-01 19:33:20 UTC")

@@ -172,3 +172,23 @@ def test_what_nobody_knows_is_asked_with_the_command_that_answers(tmp_path: Path
     reason = record_of(world, run_id).shown_reason
     assert f"ua-fleet scenario answer {run_id} second done|retry|fail" in reason
     assert "decision confirm" in reason
+
+
+def test_a_run_that_waits_for_a_robot_of_another_run_names_it_until_it_has_its_robot(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    first = world.start(TWO)
+    second = world.start(TWO.replace("first", "third"))
+    record = record_of(world, second)
+    reason = f"left does task first of run {first}; ua-fleet scenario abort {first} ends that run"
+    assert record.shown_reason == f"task third waits: {reason}"
+    (row,) = record.rows()
+    assert (row.task, row.robot, row.state, row.message) == ("third", "left", "wanted", reason)
+    world.pass_time(3)
+    assert record_of(world, second).rows() == [row], "it stays while it is so"
+    world.journal.close()
+    world = World(tmp_path, robots=world.robots)
+    assert record_of(world, second).shown_reason == f"task third waits: {reason}", "also after a restart"
+    world.service.runs.abort(first, "", "anna")
+    world.pass_time(HALT_S)
+    world.service.fault_reports.clear_fault(f"left.{NOT_HALTED}")
+    assert record_of(world, second).shown_reason == ""

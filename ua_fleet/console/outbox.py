@@ -36,7 +36,8 @@ class _Watched:
         self.whole = board.is_ready
         self.keys: dict[str, str | None] = {}
         """Those that wait: what has changed of one that the browser has as it was before, or None: it is told whole."""
-        self.has_failed = bool(board.error)
+        self.has_failed = True
+        """Whether its error, or that it has none, is still to be told: a page that comes back may show an older one."""
         board.attach(self)
 
     @property

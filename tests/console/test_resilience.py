@@ -202,7 +202,8 @@ def open_decisions(page: Page) -> Locator:
 
 def mistakes_of(console: Console) -> dict[str, int]:
     with urllib.request.urlopen(f"{console.url}healthz") as answer:
-        return json.loads(answer.read())["mistakes"]
+        counted: dict[str, int] = json.loads(answer.read())["mistakes"]
+        return counted
 
 
 def test_the_run_that_is_ended_is_the_one_that_was_asked_for(open_page: Open, console: Console) -> None:

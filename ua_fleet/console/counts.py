@@ -29,6 +29,7 @@ DROP_CAUSES: Final = (
     "key_not_revoked",
     "too_many_drives",
     "drive_silent",
+    "answer_forgotten",
     *SETPOINT_CAUSES,
 )
 """All that is counted, so that a counter that is 0 can be seen too."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
-from tests.integration.console.harness import ENGINEER, OBSERVER, OPERATOR, PAGE, Console
+import httpx
+
+from tests.integration.console.harness import ENGINEER, OBSERVER, OPERATOR, PAGE, Browser, Console
 from tests.integration.server_model.harness import SPEED, Running
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.values import BuiltinType, StatusCode
@@ -103,6 +106,35 @@ async def test_mistakes_of_the_page_are_told_with_the_field(console: Console) ->
         assert "the robot is silent" in answer.json()["error"]["message"]
         assert (await browser.ask("skill.start", robot="nobody", skill="goto")).status_code == 404
         assert (await browser.ask("skill.jump")).status_code == 404
+
+
+async def test_a_command_that_is_sent_again_is_carried_out_once(console: Console) -> None:
+    """Its answer was lost on the way: the page gives the same key, and is told what was answered."""
+
+    async def hold(browser: Browser, key: str, reason: str = "painted") -> httpx.Response:
+        headers = {"x-csrf": browser.csrf, "idempotency-key": key}
+        return await browser.http.post(
+            "api/hall/robots.hold", json={"robot": "rover", "reason": reason}, headers=headers
+        )
+
+    async with console.logged_in() as browser, console.logged_in(ENGINEER) as other:
+        first, together = await asyncio.gather(hold(browser, "one"), hold(browser, "one"))
+        assert [first.status_code, together.status_code] == [200, 200]
+        assert (first.json(), "idempotent-replayed" in first.headers) == (together.json(), False)
+        assert together.headers["idempotent-replayed"] == "true"
+        assert (await browser.ask("robots.release", robot="rover")).status_code == 200
+        again = await hold(browser, "one")
+        assert (again.status_code, again.json()) == (200, first.json())
+        async with browser.live() as live:
+            await live.want("all", "robots")
+            await live.until(lambda: "rover" in live.feeds.get("all", {}))
+            assert live.feeds["all"]["rover"]["held"] is None, "it was carried out twice"
+        # Another reason, another key, another browser: other commands.
+        assert "idempotent-replayed" not in (await hold(browser, "one", "other")).headers
+        assert "idempotent-replayed" not in (await hold(browser, "two")).headers
+        assert "idempotent-replayed" not in (await hold(other, "one")).headers
+        for one in (browser, other):
+            await one.ask("robots.release", robot="rover")
 
 
 async def test_after_logout_nothing_is_left(console: Console) -> None:

@@ -127,6 +127,11 @@ class PageOutbox:
         """How many keys wait."""
         return sum(len(one.keys) for one in self._feeds.values())
 
+    @property
+    def waiting_refusals(self) -> int:
+        """How many feeds are still to be told as refused."""
+        return len(self._refused)
+
     def want(self, name: str, board: Board) -> None:
         """Send a feed from now on, whole at first; one of this name that there was is over."""
         self.drop(name)

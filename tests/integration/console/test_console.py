@@ -77,6 +77,25 @@ async def test_a_feed_that_there_is_not_says_so_and_others_go_on(console: Consol
         assert live.errors["z"]["status"] == "BadNodeIdUnknown"
 
 
+async def test_feeds_that_are_refused_take_no_place(console: Console) -> None:
+    wrong: dict[str, Any] = {"fleet": "hall", "feed": "robot", "parameters": {"none": 1}}
+    none = {"fleet": "hall", "feed": "none"}
+    async with console.logged_in() as browser, browser.live() as live:
+        await live.say(want={f"wrong{number}": wrong if number % 2 else none for number in range(200)})
+        await live.until(lambda: len(live.errors) == 200)
+        await live.want("all", "robots")
+        await live.until(lambda: "all" in live.feeds)
+        for turn in range(4):  # and none is confirmed
+            await live.say(want={f"{turn}-{number}": none for number in range(200)})
+        await live.socket.wait_closed()
+        assert live.socket.close_code == 4429
+        assert (await browser.http.get("healthz")).json()["drops"]["too_many_feeds"] == 1
+        async with browser.live() as other:
+            await other.want("x" * 101, "robots")  # no name that a page gives
+            await other.socket.wait_closed()
+            assert other.socket.close_code == 4400
+
+
 async def test_an_operation_is_refused_by_the_server_with_the_method_named(console: Console) -> None:
     async with console.logged_in(OBSERVER) as browser:
         answer = await browser.ask("skill.start", robot="rover", skill="goto")

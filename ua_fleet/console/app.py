@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from functools import partial
 from hashlib import sha256
 from typing import Any, Final
+from urllib.parse import unquote
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
@@ -203,6 +204,12 @@ class ConsoleApp:
         link: FleetLink | None = session.logins.get(fleet)
         if link is None:
             raise OperationRefused(401, f"you are not logged in at {fleet}")
+        shown = unquote(request.headers.get("x-user", ""))
+        if shown and shown != link.shown["user"]:
+            self._counts.drop("other_user")
+            raise OperationRefused(
+                401, f"nothing was done: this browser is logged in at {fleet} as {link.user} now, and not as {shown}"
+            )
         body = await self._body(request, self._settings.limits.request_bytes)
         try:
             asked = kind.parameters.model_validate_json(body or b"{}")

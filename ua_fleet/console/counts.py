@@ -15,6 +15,7 @@ DROP_CAUSES: Final = (
     "wrong_origin",
     "wrong_csrf",
     "not_logged_in",
+    "other_user",
     "too_large",
     "too_many_connections",
     "too_slow",

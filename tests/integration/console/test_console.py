@@ -156,6 +156,20 @@ async def test_a_command_that_is_sent_again_is_carried_out_once(console: Console
             await one.ask("robots.release", robot="rover")
 
 
+async def test_a_page_that_shows_another_user_commands_nothing(console: Console) -> None:
+    """Another tab of the browser has logged somebody else in, and this one does not know it yet."""
+    parameters = {"robot": "rover", "reason": "painted"}
+    async with console.logged_in() as browser:
+        for user, status in (("anna%20b", 401), (OPERATOR[0], 200)):
+            headers = {"x-csrf": browser.csrf, "x-user": user}
+            answer = await browser.http.post("api/hall/robots.hold", json=parameters, headers=headers)
+            assert answer.status_code == status
+            if status == 401:
+                assert "at hall as oscar now, and not as anna b" in answer.json()["error"]["message"]
+        assert (await browser.http.get("healthz")).json()["drops"]["other_user"] == 1
+        await browser.ask("robots.release", robot="rover")
+
+
 async def test_after_logout_nothing_is_left(console: Console) -> None:
     async with console.logged_in() as browser, browser.live() as live:
         await live.want("all", "robots")

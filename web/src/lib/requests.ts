@@ -30,6 +30,13 @@ export function onLoggedOut(act: () => void): void {
   whenLoggedOut = act;
 }
 
+let userAt: (fleet: string) => string = () => '';
+
+/** As whom this page commands at a fleet: the console refuses what comes from a page that shows another person. */
+export function setUserAt(user: (fleet: string) => string): void {
+  userAt = user;
+}
+
 const unanswered = new Unanswered();
 let whenRepeated: () => void = () => {};
 
@@ -88,11 +95,13 @@ function post<T>(path: string, body: unknown, read = json, more: Record<string, 
 /** Do an operation at a fleet, as `operation('hall', 'robots.hold', {robot: 'arm', reason: '…'})`. */
 export async function operation<T = Json>(fleet: string, name: string, parameters: object = {}): Promise<T> {
   const path = `api/${encodeURIComponent(fleet)}/${name}`;
-  if (!isCommand(name)) return (await post<{ result: T }>(path, parameters)).result;
+  const user = userAt(fleet);
+  const more: Record<string, string> = user ? { 'X-User': encodeURIComponent(user) } : {};
+  if (!isCommand(name)) return (await post<{ result: T }>(path, parameters, json, more)).result;
   const command = JSON.stringify([fleet, name, parameters]);
   const key = unanswered.key(command, Date.now());
   try {
-    return (await post<{ result: T }>(path, parameters, json, { 'Idempotency-Key': key.key })).result;
+    return (await post<{ result: T }>(path, parameters, json, { ...more, 'Idempotency-Key': key.key })).result;
   } catch (error) {
     if (!(error instanceof RequestError && error.unanswered)) throw error;
     unanswered.lost(command, key);

@@ -29,9 +29,18 @@ def run_folder(wanted: Path | None, name: str, *, keep: bool) -> Generator[Path]
         name: of the demonstration.
         keep: without a choice, use the one folder in `$XDG_STATE_HOME` that all such runs share, unless another run has
             it now. Otherwise a temporary one is made, and removed at the end.
+
+    Raises:
+        ConfigError: another run has the folder that is wanted.
     """
     if wanted is not None:
-        yield _made(wanted)
+        folder = _made(wanted)
+        with ExitStack() as held:
+            if not _lock(folder / "lock", held):
+                raise ConfigError(
+                    "another demonstration runs in this folder", file=str(folder), suggestion="choose another --folder"
+                )
+            yield folder
         return
     if keep:
         base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")

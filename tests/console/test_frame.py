@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from typing import Final
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.console.conftest import FLEET, Console, Fleet, console_of, log_in
+from tests.integration.scenarios.conftest import ENGINEER
 from tests.integration.server_model.harness import OPERATOR
 from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 
@@ -182,3 +184,33 @@ def test_one_console_shows_several_fleets(
         page.get_by_role("menuitemradio", name="Hall 1").click()
         expect(page).to_have_url(re.compile("#/hall/fleet$"))
         expect(card(page, "left")).to_be_visible()
+        _another_person_logs_in(page)
+
+
+OTHER_TAB: Final = """async ([what, body]) => {
+  const {csrf} = await (await fetch('api/me')).json();
+  const headers = {'Content-Type': 'application/json', 'X-CSRF': csrf};
+  return (await fetch(`api/${what}`, {method: 'POST', headers, body: JSON.stringify(body)})).status;
+}"""
+
+
+def _another_person_logs_in(page: Page) -> None:
+    """At one fleet, in another tab: this one has their name and rights, and none of what was begun before."""
+    other = page.context.new_page()
+    other.goto(page.url)
+    expect(card(other, "left")).to_be_visible()
+    card(page, "left").get_by_role("button", name="Actions for left").click()
+    page.get_by_role("menuitem", name="Hold…").click()
+    page.get_by_role("dialog").get_by_label("Reason").fill("oscar holds it")
+    assert other.evaluate(OTHER_TAB, ["logout", {"fleet": "hall"}]) == 200
+    expect(banner(page, "The session at Hall 1 has ended.")).to_be_visible()
+    user, password = ENGINEER
+    assert other.evaluate(OTHER_TAB, ["login", {"fleet": "hall", "user": user, "password": password}]) == 200
+    for one in (page, other):
+        expect(one.get_by_text(f"{user} has logged in at Hall 1 in another tab of this browser.")).to_be_visible()
+        expect(one.get_by_role("button", name=f"User {user}")).to_be_visible()
+        expect(one.get_by_role("dialog")).to_have_count(0)
+        expect(card(one, "left")).to_contain_text(re.compile("(?<!Was )Idle"))
+        expect(banner(one, "has ended")).to_have_count(0)
+    page.get_by_role("button", name=f"User {user}").click()
+    expect(page.get_by_text("Engineer", exact=True)).to_be_visible()

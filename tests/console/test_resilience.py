@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import urllib.request
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
@@ -195,6 +196,51 @@ def test_a_person_ends_the_run_in_place_of_choosing(open_page: Open, picture: Pi
     expect(page.get_by_text("No decision is open.")).to_be_visible()
 
 
+def open_decisions(page: Page) -> Locator:
+    return page.get_by_role("link", name="a, instead of left").filter(has_text="open")
+
+
+def mistakes_of(console: Console) -> dict[str, int]:
+    with urllib.request.urlopen(f"{console.url}healthz") as answer:
+        counted: dict[str, int] = json.loads(answer.read())["mistakes"]
+        return counted
+
+
+def test_the_run_that_is_ended_is_the_one_that_was_asked_for(open_page: Open, console: Console) -> None:
+    """Another robot fails meanwhile; then a candidate of the decision that is left."""
+    page = open_page("operator", PLACE)
+    ask(page, "fault.raise", robot="left", reason="the welding tip is worn")
+    ask(page, "scenario.run", scenario="long")
+    expect(open_decisions(page)).to_have_count(1)
+    first = page.get_by_role("link", name=re.compile("^Run 20")).inner_text()
+    page.get_by_role("button", name="Abort the run…").click()
+    dialog = page.get_by_role("dialog")
+    expect(dialog.get_by_role("heading")).to_have_text(f"Abort {first.lower()}")
+    dialog.get_by_label("Reason").fill("the part of the first run is broken")
+    ask(page, "scenario.run", scenario="long")
+    expect(page.locator("main li a").filter(has_text="open")).to_have_count(2)
+    expect(page.locator("main li a").first).not_to_have_attribute("aria-current", "true")
+    expect(dialog.get_by_role("heading")).to_have_text(f"Abort {first.lower()}")
+    sent: list[str] = []
+    page.on("request", lambda one: sent.append(one.url.rpartition("/")[2]))
+    dialog.locator("form").evaluate("form => { form.requestSubmit(); form.requestSubmit(); }")  # Enter, twice
+    expect(dialog).to_be_hidden()
+    assert sent.count("run.abort") == 1
+    expect(open_decisions(page)).to_have_count(1)
+    expect(page.get_by_role("link", name=re.compile("^Run 20"))).not_to_have_text(first)
+
+    ask(page, "fault.raise", robot="middle", reason="worn too")
+    expect(ranked(page)).to_have_text(["right"])
+    ask(page, "fault.clear", fault="middle")
+    expect(ranked(page)).to_have_text(["middle", "right"])
+    expect(page.get_by_role("button", name="Choose right")).to_be_enabled()
+    assert mistakes_of(console) == {}
+    page.get_by_role("button", name="Abort the run…").click()
+    dialog.get_by_label("Reason").fill("enough")
+    page.keyboard.press("Enter")
+    expect(page.get_by_text("No decision is open.")).to_be_visible()
+
+
 TRIED: Final = "sessionStorage.getItem('ua-fleet.tried')"
 
 
@@ -212,8 +258,8 @@ def test_what_was_tried_last_is_not_asked_of_the_decision_that_is_opened_next(op
     ask(page, "fault.raise", robot="left", reason="the welding tip is worn")
     for number in (1, 2):
         ask(page, "scenario.run", scenario="long")
-        expect(page.get_by_role("link", name="a, instead of left").filter(has_text="open")).to_have_count(number)
-    links = page.get_by_role("link", name="a, instead of left").filter(has_text="open")
+        expect(open_decisions(page)).to_have_count(number)
+    links = open_decisions(page)
     links.first.click()
     slider = page.get_by_role("slider", name="battery or load")
     slider.focus()

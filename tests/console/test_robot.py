@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Locator, Page, Route, expect
 
 from tests.console.conftest import Fleet, fleet_of
 from tests.console.test_alarms import ask
@@ -227,6 +227,30 @@ def test_a_skill_is_started_by_its_form_and_told_of(open_page: Open, picture: Pi
     expect(last).to_contain_text("the machine broke")
     expect(page.get_by_role("list", name="Last executions").get_by_role("listitem")).to_have_count(2)
     picture(page, "robot-skill")
+
+
+@pytest.mark.parametrize("expected_complaints", [["ERR_CONNECTION_RESET"]])
+def test_a_start_whose_answer_is_lost_is_carried_out_once(open_page: Open) -> None:
+    page = open_page("operator", "#/hall/robot/right")
+
+    def lose(route: Route) -> None:
+        route.fetch()  # the console has it, and carries it out
+        route.abort("connectionreset")
+
+    page.route("**/skill.start", lose, times=1)
+    skill(page).get_by_role("button", name="Start…").click()
+    skill(page).get_by_label("seconds").fill("0.5")
+    page.keyboard.press("Enter")
+    said = skill(page).get_by_role("alert")
+    expect(said).to_contain_text("this may have been carried out. Look at the robot, its state and its last executions")
+    executions = page.get_by_role("list", name="Last executions").get_by_role("listitem")
+    expect(executions).to_have_count(1)
+    expect(executions).to_contain_text("Done")
+    with page.expect_response("**/skill.start") as answered:
+        skill(page).get_by_role("button", name="Start", exact=True).click()
+    assert answered.value.headers["idempotent-replayed"] == "true"
+    expect(page.get_by_role("status").filter(has_text="it was not done a second time")).to_be_visible()
+    expect(executions).to_have_count(1)
 
 
 def test_what_is_under_way_stands_goes_on_and_is_halted(open_page: Open, picture: Picture) -> None:

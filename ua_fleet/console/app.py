@@ -8,7 +8,9 @@ import time
 from collections import Counter
 from collections.abc import Mapping
 from functools import partial
+from hashlib import sha256
 from typing import Any, Final
+from urllib.parse import unquote
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
@@ -28,10 +30,11 @@ from ua_fleet.console.failures import OperationRefused, invalid_parameters, refu
 from ua_fleet.console.link import FleetLink
 from ua_fleet.console.live import PageSocket
 from ua_fleet.console.operations import OPERATIONS
-from ua_fleet.console.operations.kinds import Bytes
+from ua_fleet.console.operations.kinds import Bytes, OperationKind, OperationParameters
 from ua_fleet.console.origins import RequestOrigin, TrustedProxies, is_allowed_host, is_own_origin
 from ua_fleet.console.page import SECURITY_HEADERS, Page
 from ua_fleet.console.people import People
+from ua_fleet.console.repeats import KEY_CHARACTERS, NOT_KNOWN
 from ua_fleet.console.sessions import BrowserSession
 from ua_fleet.console.settings import ConsoleSettings
 from ua_fleet.console.sockets import CLOSE_FORBIDDEN, CLOSE_LOGGED_OUT, CLOSE_TOO_MANY
@@ -201,13 +204,29 @@ class ConsoleApp:
         link: FleetLink | None = session.logins.get(fleet)
         if link is None:
             raise OperationRefused(401, f"you are not logged in at {fleet}")
+        shown = unquote(request.headers.get("x-user", ""))
+        if shown and shown != link.shown["user"]:
+            self._counts.drop("other_user")
+            raise OperationRefused(
+                401, f"nothing was done: this browser is logged in at {fleet} as {link.user} now, and not as {shown}"
+            )
         body = await self._body(request, self._settings.limits.request_bytes)
         try:
             asked = kind.parameters.model_validate_json(body or b"{}")
         except ValidationError as error:
             raise invalid_parameters(error, kind.name) from None
         self._people.sessions.use(session, time.monotonic())
-        who = f"{fleet}/{link.user}"
+        key = request.headers.get("idempotency-key", "")[:KEY_CHARACTERS]
+        if not key or kind.role == "observer":  # what only asks may ask twice
+            result = await self._ask(link, kind, asked)
+            return _framed(result) if isinstance(result, Bytes) else _json({"result": result})
+        return await self._once(
+            session, (key, fleet, link.user, kind.name, sha256(body).hexdigest()), link, kind, asked
+        )
+
+    async def _ask(self, link: FleetLink, kind: OperationKind, asked: OperationParameters) -> Any:
+        """Have an operation done; raises Refused."""
+        who = f"{link.fleet}/{link.user}"
         if self._at_once[who] >= self._settings.limits.requests_at_once:
             self._counts.drop("too_many_requests")
             raise OperationRefused(
@@ -215,14 +234,41 @@ class ConsoleApp:
             )
         self._at_once[who] += 1
         try:
-            result = await link.ask(lambda client: kind.run(client, asked), kind.timeout_s)
+            return await link.ask(lambda client: kind.run(client, asked), kind.timeout_s)
         except UaFleetError as error:
             raise refused_by(error, method=kind.method) from error
         finally:
             self._at_once[who] -= 1
             if not self._at_once[who]:
                 del self._at_once[who]
-        return _framed(result) if isinstance(result, Bytes) else _json({"result": result})
+
+    async def _once(
+        self,
+        session: BrowserSession,
+        command: tuple[str, ...],
+        link: FleetLink,
+        kind: OperationKind,
+        asked: OperationParameters,
+    ) -> Response:
+        """Carry a command out, or answer what it was answered when this page sent it before; raises Refused."""
+        before = session.answers.find(command, time.monotonic())
+        if before is not None:
+            status, text = await asyncio.shield(before)
+            again = _text(text, status)
+            again.headers["idempotent-replayed"] = "true"
+            return again
+        if not session.answers.begin(command):
+            self._counts.drop("answer_forgotten")
+        answer = NOT_KNOWN
+        try:
+            result = await self._ask(link, kind, asked)
+            answer = 200, f'{{"result":{encoded(result)}}}'
+        except OperationRefused as refused:
+            answer = refused.http_status, encoded({"error": refused.body})
+            raise
+        finally:
+            session.answers.end(command, answer, time.monotonic())
+        return _text(answer[1])
 
     async def _serve(self, socket: WebSocket, kind: type[PageSocket | DriveSocket]) -> None:
         seen: RequestOrigin = socket.scope[_SEEN]
@@ -291,7 +337,11 @@ class ConsoleApp:
 
 
 def _json(value: Any, status: int = 200) -> Response:
-    return Response(encoded(value), status, {"cache-control": "no-store"}, "application/json")
+    return _text(encoded(value), status)
+
+
+def _text(text: str, status: int = 200) -> Response:
+    return Response(text, status, {"cache-control": "no-store"}, "application/json")
 
 
 def _framed(result: Bytes) -> Response:

@@ -15,6 +15,7 @@ DROP_CAUSES: Final = (
     "wrong_origin",
     "wrong_csrf",
     "not_logged_in",
+    "other_user",
     "too_large",
     "too_many_connections",
     "too_slow",
@@ -29,6 +30,7 @@ DROP_CAUSES: Final = (
     "key_not_revoked",
     "too_many_drives",
     "drive_silent",
+    "answer_forgotten",
     *SETPOINT_CAUSES,
 )
 """All that is counted, so that a counter that is 0 can be seen too."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
+from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -15,6 +16,7 @@ from ua_fleet.console.attempts import Attempts
 from ua_fleet.console.counts import ConsoleCounts
 from ua_fleet.console.failures import OperationRefused, invalid_parameters
 from ua_fleet.console.feeds import FEEDS
+from ua_fleet.console.feeds.kinds import FeedParameters
 from ua_fleet.console.link import FleetLink, RunningFeed
 from ua_fleet.console.outbox import PageOutbox
 from ua_fleet.console.people import People
@@ -24,6 +26,11 @@ from ua_fleet.console.shown import shown_time
 from ua_fleet.console.sockets import CLOSE_LOGGED_OUT, CLOSE_TOO_MANY, Closed, FirstSaid, close, first_said, said_by
 
 __all__ = ["PageSocket"]
+
+
+_FeedName = Annotated[str, Field(max_length=100)]
+_MOST_REFUSED: Final = 256
+"""Refusals that wait for a page which confirms nothing."""
 
 
 class _Want(BaseModel):
@@ -36,10 +43,19 @@ class _Want(BaseModel):
 class _Said(FirstSaid):
     """A message of the page."""
 
-    want: dict[str, _Want] = Field(default_factory=dict[str, _Want], max_length=200)
+    want: dict[_FeedName, _Want] = Field(default_factory=dict[str, _Want], max_length=200)
     drop: list[str] = Field(default_factory=list[str], max_length=1000)
     seen: int | None = None
     active: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """A feed that there is, with parameters that are its."""
+
+    fleet: str
+    feed: str
+    parameters: FeedParameters
 
 
 class PageSocket:
@@ -52,7 +68,7 @@ class PageSocket:
         self._counts, self._limits = counts, limits
         self._waiting = asyncio.Event()
         self._outbox = PageOutbox(self._waiting.set)
-        self._wanted: dict[str, _Want] = {}
+        self._wanted: dict[str, _Wanted] = {}
         self._open: dict[str, tuple[FleetLink, RunningFeed]] = {}
         self._links: dict[str, FleetLink] = {}
         self._over = asyncio.Event()
@@ -110,14 +126,38 @@ class PageSocket:
             self._shut(name)
             self._outbox.drop(name)
         for name, want in said.want.items():
-            self._wanted[name] = want
-            self._want(name)
+            self._want(name, want)
+        if self._outbox.waiting_refusals > _MOST_REFUSED:
+            self._counts.drop("too_many_feeds")
+            raise Closed(CLOSE_TOO_MANY, "too many feeds were refused")
 
-    def _want(self, name: str) -> None:
-        want = self._wanted[name]
+    def _want(self, name: str, want: _Want) -> None:
+        """Keep what the page wants, where it can ever be had, and follow it."""
+        self._wanted.pop(name, None)
+        try:
+            self._wanted[name] = self._checked(want)
+        except OperationRefused as refused:
+            self._shut(name)
+            self._outbox.refuse(name, refused.body)
+        else:
+            self._follow(name)
+
+    def _checked(self, want: _Want) -> _Wanted:
+        if len(self._wanted) >= self._limits.feeds_per_socket:
+            self._counts.drop("too_many_feeds")
+            raise OperationRefused(429, f"a page may have {self._limits.feeds_per_socket} feeds")
+        kind = FEEDS.get(want.feed)
+        if kind is None:
+            raise OperationRefused(404, f"there is no feed {want.feed!r}")
+        try:
+            return _Wanted(want.fleet, want.feed, kind.parameters.model_validate(want.parameters))
+        except ValidationError as error:
+            raise invalid_parameters(error, want.feed) from None
+
+    def _follow(self, name: str) -> None:
         before = self._open.pop(name, None)
         try:
-            link, feed = self._opened(name, want)
+            link, feed = self._opened(self._wanted[name])
         except OperationRefused as refused:
             self._outbox.refuse(name, refused.body)
         else:
@@ -126,22 +166,11 @@ class PageSocket:
         if before is not None:  # after the new one: it may be the same
             before[0].close_feed(before[1])
 
-    def _opened(self, name: str, want: _Want) -> tuple[FleetLink, RunningFeed]:
-        if len(self._open) >= self._limits.feeds_per_socket or len(name) > 100:
-            self._counts.drop("too_many_feeds")
-            self._wanted.pop(name, None)
-            raise OperationRefused(429, f"a page may have {self._limits.feeds_per_socket} feeds")
-        kind = FEEDS.get(want.feed)
-        if kind is None:
-            raise OperationRefused(404, f"there is no feed {want.feed!r}")
+    def _opened(self, want: _Wanted) -> tuple[FleetLink, RunningFeed]:
         link: FleetLink | None = self._session.logins.get(want.fleet)
         if link is None:
             raise OperationRefused(401, f"you are not logged in at {want.fleet}")
-        try:
-            parameters = kind.parameters.model_validate(want.parameters)
-        except ValidationError as error:
-            raise invalid_parameters(error, want.feed) from None
-        return link, link.open_feed(want.feed, parameters)
+        return link, link.open_feed(want.feed, want.parameters)
 
     def _shut(self, name: str) -> None:
         opened = self._open.pop(name, None)
@@ -155,7 +184,7 @@ class PageSocket:
             self._follow_links()
             for name, want in list(self._wanted.items()):
                 if name not in self._open or self._open[name][0] is not self._session.logins.get(want.fleet):
-                    self._want(name)
+                    self._follow(name)
             if not session.logins:
                 self._over.set()
 

@@ -36,7 +36,8 @@ class _Watched:
         self.whole = board.is_ready
         self.keys: dict[str, str | None] = {}
         """Those that wait: what has changed of one that the browser has as it was before, or None: it is told whole."""
-        self.has_failed = bool(board.error)
+        self.has_failed = True
+        """Whether its error, or that it has none, is still to be told: a page that comes back may show an older one."""
         board.attach(self)
 
     @property
@@ -125,6 +126,11 @@ class PageOutbox:
     def waiting_keys(self) -> int:
         """How many keys wait."""
         return sum(len(one.keys) for one in self._feeds.values())
+
+    @property
+    def waiting_refusals(self) -> int:
+        """How many feeds are still to be told as refused."""
+        return len(self._refused)
 
     def want(self, name: str, board: Board) -> None:
         """Send a feed from now on, whole at first; one of this name that there was is over."""

@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from ua_fleet.console.repeats import KeptAnswers
+
 __all__ = ["BrowserSession", "BrowserSessions", "cookie_name"]
 
 _TOKEN_BYTES: Final = 32
@@ -38,6 +40,8 @@ class BrowserSession:
     logins: dict[str, Any] = field(default_factory=dict[str, Any])
     """By fleet: the link that it is logged in by."""
     sockets: int = 0
+    answers: KeptAnswers = field(default_factory=KeptAnswers)
+    """To commands of which a page may not have received the answer."""
 
     def is_csrf(self, given: str) -> bool:
         """Whether this is its token against forged requests."""

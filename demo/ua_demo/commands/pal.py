@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -68,7 +69,11 @@ def pal(
     ends: list[DemoResult] = []
     write_report = report_writer(json_file)
 
-    with run_folder(folder, "pal", keep=not once) as place, claim_domain(domain, message) as mobile_domain:
+    with (
+        run_folder(folder, "pal", keep=not once) as place,
+        claim_domain(domain, message) as mobile_domain,
+        ExitStack() as claimed,
+    ):
         site = choose_site(
             place,
             port=port,
@@ -80,10 +85,12 @@ def pal(
             say=message,
             with_broker=broker,
         )
+        # One that both are asked to have is refused there.
+        is_claimed = site.ros1_python is None and arm_domain != domain
         setting = make_setting(
             site,
             domain=mobile_domain,
-            arm_domain=arm_domain,
+            arm_domain=claimed.enter_context(claim_domain(arm_domain, message)) if is_claimed else arm_domain,
             speed=speed,
             loop_rule=not without_loop_rule,
             say=message,

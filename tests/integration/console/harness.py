@@ -110,8 +110,10 @@ class Live:
             if told.get("whole"):
                 self.feeds[name] = {}
                 self.wholes[name] = self.wholes.get(name, 0) + 1
-            if "error" in told:
+            if told.get("error"):
                 self.errors[name] = told["error"]
+            elif "error" in told:
+                self.errors.pop(name, None)
             if "set" in told:
                 self.feeds[name].update(told["set"])
             for key, part in told.get("part", {}).items():

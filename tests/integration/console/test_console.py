@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
-from tests.integration.console.harness import ENGINEER, OBSERVER, OPERATOR, PAGE, Console
+import httpx
+
+from tests.integration.console.harness import ENGINEER, OBSERVER, OPERATOR, PAGE, Browser, Console
 from tests.integration.server_model.harness import SPEED, Running
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.values import BuiltinType, StatusCode
@@ -74,6 +77,25 @@ async def test_a_feed_that_there_is_not_says_so_and_others_go_on(console: Consol
         assert live.errors["z"]["status"] == "BadNodeIdUnknown"
 
 
+async def test_feeds_that_are_refused_take_no_place(console: Console) -> None:
+    wrong: dict[str, Any] = {"fleet": "hall", "feed": "robot", "parameters": {"none": 1}}
+    none = {"fleet": "hall", "feed": "none"}
+    async with console.logged_in() as browser, browser.live() as live:
+        await live.say(want={f"wrong{number}": wrong if number % 2 else none for number in range(200)})
+        await live.until(lambda: len(live.errors) == 200)
+        await live.want("all", "robots")
+        await live.until(lambda: "all" in live.feeds)
+        for turn in range(4):  # and none is confirmed
+            await live.say(want={f"{turn}-{number}": none for number in range(200)})
+        await live.socket.wait_closed()
+        assert live.socket.close_code == 4429
+        assert (await browser.http.get("healthz")).json()["drops"]["too_many_feeds"] == 1
+        async with browser.live() as other:
+            await other.want("x" * 101, "robots")  # no name that a page gives
+            await other.socket.wait_closed()
+            assert other.socket.close_code == 4400
+
+
 async def test_an_operation_is_refused_by_the_server_with_the_method_named(console: Console) -> None:
     async with console.logged_in(OBSERVER) as browser:
         answer = await browser.ask("skill.start", robot="rover", skill="goto")
@@ -103,6 +125,49 @@ async def test_mistakes_of_the_page_are_told_with_the_field(console: Console) ->
         assert "the robot is silent" in answer.json()["error"]["message"]
         assert (await browser.ask("skill.start", robot="nobody", skill="goto")).status_code == 404
         assert (await browser.ask("skill.jump")).status_code == 404
+
+
+async def test_a_command_that_is_sent_again_is_carried_out_once(console: Console) -> None:
+    """Its answer was lost on the way: the page gives the same key, and is told what was answered."""
+
+    async def hold(browser: Browser, key: str, reason: str = "painted") -> httpx.Response:
+        headers = {"x-csrf": browser.csrf, "idempotency-key": key}
+        return await browser.http.post(
+            "api/hall/robots.hold", json={"robot": "rover", "reason": reason}, headers=headers
+        )
+
+    async with console.logged_in() as browser, console.logged_in(ENGINEER) as other:
+        first, together = await asyncio.gather(hold(browser, "one"), hold(browser, "one"))
+        assert [first.status_code, together.status_code] == [200, 200]
+        assert (first.json(), "idempotent-replayed" in first.headers) == (together.json(), False)
+        assert together.headers["idempotent-replayed"] == "true"
+        assert (await browser.ask("robots.release", robot="rover")).status_code == 200
+        again = await hold(browser, "one")
+        assert (again.status_code, again.json()) == (200, first.json())
+        async with browser.live() as live:
+            await live.want("all", "robots")
+            await live.until(lambda: "rover" in live.feeds.get("all", {}))
+            assert live.feeds["all"]["rover"]["held"] is None, "it was carried out twice"
+        # Another reason, another key, another browser: other commands.
+        assert "idempotent-replayed" not in (await hold(browser, "one", "other")).headers
+        assert "idempotent-replayed" not in (await hold(browser, "two")).headers
+        assert "idempotent-replayed" not in (await hold(other, "one")).headers
+        for one in (browser, other):
+            await one.ask("robots.release", robot="rover")
+
+
+async def test_a_page_that_shows_another_user_commands_nothing(console: Console) -> None:
+    """Another tab of the browser has logged somebody else in, and this one does not know it yet."""
+    parameters = {"robot": "rover", "reason": "painted"}
+    async with console.logged_in() as browser:
+        for user, status in (("anna%20b", 401), (OPERATOR[0], 200)):
+            headers = {"x-csrf": browser.csrf, "x-user": user}
+            answer = await browser.http.post("api/hall/robots.hold", json=parameters, headers=headers)
+            assert answer.status_code == status
+            if status == 401:
+                assert "at hall as oscar now, and not as anna b" in answer.json()["error"]["message"]
+        assert (await browser.http.get("healthz")).json()["drops"]["other_user"] == 1
+        await browser.ask("robots.release", robot="rover")
 
 
 async def test_after_logout_nothing_is_left(console: Console) -> None:

@@ -56,8 +56,8 @@ class Page:
                 self.errors[name] = told["error"]
 
     def forget(self, name: str) -> None:
+        """It shows an error of before until it is told another, or that there is none."""
         self.maps.pop(name, None)
-        self.errors.pop(name, None)
 
 
 def change(board: Board, action: str, *given: Any) -> None:
@@ -205,7 +205,7 @@ def test_of_a_value_that_the_browser_has_only_what_changed_is_told() -> None:
     board.put("arm", robot)
     board.ready()
     outbox.want("1", board)
-    assert told(0) == {"whole": True, "set": {"arm": robot}}
+    assert told(0) == {"whole": True, "set": {"arm": robot}, "error": None}
     board.put("arm", robot | {"updated": "2"})
     assert told(1) == {"part": {"arm": {"updated": "2"}}}
     # One that changed twice meanwhile is told whole: the browser has none of the first change.
@@ -220,6 +220,27 @@ def test_of_a_value_that_the_browser_has_only_what_changed_is_told() -> None:
     board.gone("arm")
     board.put("arm", {"name": "arm", "state": True})
     assert told(5) == {"set": {"arm": {"name": "arm", "state": True}}}
+
+
+def test_a_page_that_comes_back_is_told_that_the_error_that_it_shows_is_over() -> None:
+    """It had the error when its connection was lost, or when its want was refused for want of a login."""
+    board, before, page = Board(), PageOutbox(), Page()
+
+    def take(outbox: PageOutbox) -> None:
+        text = outbox.next(0.0)
+        assert text is not None
+        page.take(text)
+
+    board.fail({"message": "a mistake"})
+    before.want("1", board)
+    take(before)
+    assert page.errors["1"] == {"message": "a mistake"}
+    before.close()
+    board.ready()
+    after = PageOutbox()
+    after.want("1", board)
+    take(after)
+    assert page.errors["1"] is None
 
 
 def test_a_value_is_encoded_once_and_the_same_one_is_no_change() -> None:

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ua_fleet.client import DecisionTold, FleetClient, Reading, ranking_of
 from ua_fleet.console.board import Board
-from ua_fleet.console.feeds.following import followed, show_rows, telling
+from ua_fleet.console.feeds.following import PartsDiffer, followed, show_rows, telling
 from ua_fleet.console.feeds.kinds import FeedKind, FeedParameters, NoParameters
 from ua_fleet.console.rankings import shown_ranking
 from ua_fleet.console.shown import harmless_value, shown_moment, shown_value
@@ -65,8 +65,27 @@ def _listed(decision: str, parts: Mapping[str, Reading]) -> dict[str, Any]:
 
 
 def _whole(decision: str, parts: Mapping[str, Reading]) -> dict[str, Any]:
-    ranking = ranking_of({name: parts[name].exact for name in _RANKING})
+    told = {name: parts[name].exact for name in _RANKING}
+    _check_lengths(decision, told)
+    ranking = ranking_of(told)
     return {**_head(decision, parts), "ranking": shown_ranking(ranking)}
+
+
+def _check_lengths(decision: str, told: Mapping[str, Any]) -> None:
+    """Raise PartsDiffer while a ranking of another length is told Variable by Variable."""
+    lengths = {name: len(told[name] or ()) for name in _RANKING if name != "ConsistencyRatio"}
+    cells = lengths["Robots"] * lengths["Criteria"]
+    wanted = {
+        "Scores": lengths["Robots"],
+        "Weights": lengths["Criteria"],
+        "Reasons": lengths["Excluded"],
+        "RawValues": cells,
+        "CriterionScores": cells,
+        "Missing": cells,
+    }
+    for name, length in wanted.items():
+        if lengths[name] != length:
+            raise PartsDiffer(f"{_FOLDER}.{decision}: {name} has {lengths[name]} elements in place of {length}")
 
 
 async def decision_nodes(client: FleetClient) -> dict[str, str]:

@@ -9,11 +9,20 @@ from typing import Any, Final, Protocol, TypeVar
 
 from ua_fleet.client import FleetClient, Reading, Told
 from ua_fleet.console.board import Board
+from ua_fleet.errors import UaFleetError
 
-__all__ = ["News", "followed", "show_rows", "telling"]
+__all__ = ["News", "PartsDiffer", "followed", "show_rows", "telling"]
 
 Layout = TypeVar("Layout")
 _TOGETHER_S: Final = 0.05
+_PARTS_DIFFER_S: Final = 5.0
+"""Parts of a row that belong together and do not fit for so long are no change that is half told."""
+
+
+class PartsDiffer(UaFleetError):
+    """Variables of one row that belong together do not fit: one has changed, and the others are still to come."""
+
+    remedy = "Load the page again; where that does not help, look at the server's log."
 
 
 class News(Protocol):
@@ -82,8 +91,12 @@ async def show_rows(
         board: whose other keys go.
         rows: by key, the NodeId of the Object; its Variables have this NodeId with `.` and their names.
         parts: names of the Variables.
-        make: the value of a row; None: the row is not to be seen.
+        make: the value of a row; None: the row is not to be seen. Where it raises PartsDiffer, the row stays as it was
+            until what is still to come is there.
         period_ms: publishing interval.
+
+    Raises:
+        PartsDiffer: they did not fit for 5 s.
     """
     board.keep(set(rows))
     place = {f"{node}.{part}": (key, part) for key, node in rows.items() for part in parts}
@@ -92,13 +105,19 @@ async def show_rows(
     if not rows:
         board.ready()
         await asyncio.Event().wait()
-    async with aclosing(client.watch(list(place), period_ms=period_ms)) as changes:
+    differing = _Differing()
+    async with differing.limit(), aclosing(client.watch(list(place), period_ms=period_ms)) as changes:
         async for reading in changes:
             key, part = place[reading.node_id]
             told[key][part] = reading
             if len(told[key]) < len(parts):
                 continue
-            row = make(key, told[key])
+            try:
+                row = make(key, told[key])
+            except PartsDiffer as error:
+                differing.add(key, error)
+                continue
+            differing.discard(key)
             if row is None:
                 board.gone(key)
             else:
@@ -107,3 +126,35 @@ async def show_rows(
                 missing.discard(key)
                 if not missing:
                     board.ready()
+
+
+class _Differing:
+    """The rows whose parts do not fit now, of which the first is waited for so long and no longer."""
+
+    def __init__(self) -> None:
+        self._rows: dict[str, tuple[float, PartsDiffer]] = {}
+        """By key: until when it is waited for, and what is wrong."""
+        self._timeout = asyncio.timeout(None)
+
+    @asynccontextmanager
+    async def limit(self) -> AsyncGenerator[None]:
+        """Raise what is wrong with a row that is not whole in time."""
+        try:
+            async with self._timeout:
+                yield
+        except TimeoutError:
+            if not self._timeout.expired():
+                raise
+            raise next(iter(self._rows.values()))[1] from None
+
+    def add(self, key: str, error: PartsDiffer) -> None:
+        until_s, _ = self._rows.get(key, (asyncio.get_running_loop().time() + _PARTS_DIFFER_S, error))
+        self._rows[key] = until_s, error
+        self._reschedule()
+
+    def discard(self, key: str) -> None:
+        if self._rows.pop(key, None) is not None:
+            self._reschedule()
+
+    def _reschedule(self) -> None:
+        self._timeout.reschedule(next(iter(self._rows.values()))[0] if self._rows else None)

@@ -8,8 +8,8 @@
 import { backoffMs } from './backoff';
 import { clock } from './clock.svelte';
 import { applyChange } from './entries';
-import type { ErrorBody, FeedChange, FromConsole, FromPage, Json, Link, Want } from './protocol';
-import { csrfToken, getMe, setCsrf } from './requests';
+import type { ErrorBody, FeedChange, FromConsole, FromPage, Json, Link, Me, Want } from './protocol';
+import { csrfToken, getMe } from './requests';
 import { t } from './texts';
 
 /** A console that says its time says something at least each 5 s; silence for longer is a link that is gone. */
@@ -24,6 +24,16 @@ const LOGGED_OUT = 4401;
 
 /** How a feed stands: nothing came yet, as the server has it, as it was, or refused. */
 export type FeedState = 'loading' | 'current' | 'old' | 'error';
+
+/** What is to be done with what the console says of the login. */
+export interface LoginHeard {
+  /** The console knows this browser no more. */
+  loggedOut: () => void;
+  /** This is who is logged in, where the connection was lost meanwhile. */
+  found: (me: Me) => void;
+  /** Links as they are now; true: another person has logged in, and all begins anew. */
+  isAnother: (links: Record<string, Link>) => boolean;
+}
 
 /** What is followed of one entry. */
 class Followed {
@@ -98,7 +108,7 @@ class Live {
   #silence: ReturnType<typeof setTimeout> | undefined;
   #next_id = 0;
   #seen: number | null = null;
-  #loggedOut: () => void = () => {};
+  #heard: LoginHeard = { loggedOut: () => {}, found: () => {}, isAnother: () => false };
   #active_at = 0;
 
   constructor() {
@@ -107,9 +117,9 @@ class Live {
     for (const event of ['pointerdown', 'keydown']) addEventListener(event, () => this.#act(), { passive: true });
   }
 
-  /** Connect, and stay connected until `stop`; `loggedOut` is called when the console knows this browser no more. */
-  start(loggedOut: () => void): void {
-    this.#loggedOut = loggedOut;
+  /** Connect, and stay connected until `stop`. */
+  start(heard: LoginHeard): void {
+    this.#heard = heard;
     if (this.socket === 'closed') this.#open();
   }
 
@@ -118,6 +128,7 @@ class Live {
     clearTimeout(this.#silence);
     const ws = this.#ws;
     this.#ws = null;
+    this.#seen = null;
     ws?.close(1000);
     this.#become('closed');
     this.links = {};
@@ -193,12 +204,13 @@ class Live {
     };
     ws.onclose = (event) => {
       if (ws !== this.#ws) return;
-      if (event.code === LOGGED_OUT) this.#loggedOut();
+      if (event.code === LOGGED_OUT) this.#heard.loggedOut();
       else this.#lose();
     };
   }
 
   #take(message: FromConsole): void {
+    if (message.links && this.#heard.isAnother(message.links)) return;
     this.#attempt = 0;
     this.#become('live');
     if (message.now) {
@@ -271,11 +283,11 @@ class Live {
       const me = await getMe();
       if (this.socket === 'closed' || this.#ws) return;
       if (!me) {
-        this.#loggedOut();
+        this.#heard.loggedOut();
         return;
       }
-      setCsrf(me.csrf);
-      this.#open();
+      this.#heard.found(me);
+      if (this.socket === 'away' && !this.#ws) this.#open();
     } catch {
       if (this.socket !== 'closed' && !this.#ws) this.#lose();
     }

@@ -1,7 +1,7 @@
 /** Who is logged in where, and what they may do. */
 import { live } from './live.svelte';
-import type { Fleet, Fleets, Login, Me, Role } from './protocol';
-import { getFleets, getMe, onLoggedOut, postLogin, postLogout, setCsrf } from './requests';
+import type { Fleet, Fleets, Link, Login, Me, Role } from './protocol';
+import { csrfToken, getFleets, getMe, onLoggedOut, postLogin, postLogout, setCsrf, setUserAt } from './requests';
 
 const RANKS: Record<Role, number> = { observer: 0, operator: 1, engineer: 2 };
 
@@ -10,11 +10,22 @@ export function covers(roles: readonly Role[], needed: Role): boolean {
   return roles.some((role) => (RANKS[role] ?? -1) >= RANKS[needed]);
 }
 
+/** Whether one and the same fleet has another user now. */
+const isOther = (before: Partial<Login> | undefined, now: Partial<Login> | undefined) =>
+  Boolean(before?.user && now?.user && before.user !== now.user);
+
 const over: ((fleet: string | null) => void)[] = [];
 
 /** Have something done when the login at a fleet is over; null: all of them are. */
 export function onLoginOver(act: (fleet: string | null) => void): void {
   over.push(act);
+}
+
+const replaced: ((fleet: string, user: string) => void)[] = [];
+
+/** Have something said when another person has logged in at a fleet in another tab of this browser. */
+export function onReplaced(act: (fleet: string, user: string) => void): void {
+  replaced.push(act);
 }
 
 class Session {
@@ -26,9 +37,12 @@ class Session {
   wanted = $state('');
   /** Whether nobody is logged in any more without having asked for it. */
   ended = $state(false);
+  /** Counts the persons: what one of them has begun is not gone on with by the next. */
+  person = $state(0);
 
   constructor() {
     onLoggedOut(() => void this.#check());
+    setUserAt((fleet) => this.logins[fleet]?.user ?? '');
   }
 
   /** A request was refused for want of a login: of all fleets, or of one whose session has ended. */
@@ -48,7 +62,7 @@ class Session {
   }
 
   async login(fleet: string, user: string, password: string): Promise<void> {
-    this.#enter(await postLogin(fleet, user, password));
+    this.#enter(await postLogin(fleet, user, password), true);
     this.wanted = '';
   }
 
@@ -78,21 +92,41 @@ class Session {
     return link?.roles ? link : this.logins[fleet];
   }
 
-  #enter(me: Me | null): void {
-    const gone = Object.keys(this.logins).filter((fleet) => !(fleet in (me?.fleets ?? {})));
+  #enter(me: Me | null, isOwn = false): void {
+    const before = this.logins;
     this.logins = me?.fleets ?? {};
+    const gone = Object.keys(before).filter((fleet) => !(fleet in this.logins));
+    const others = Object.keys(this.logins).filter(
+      (fleet) => before[fleet] && isOther(before[fleet], this.logins[fleet]),
+    );
     const isOut = !me || Object.keys(this.logins).length === 0;
-    for (const fleet of isOut ? [null] : gone) for (const act of over) act(fleet);
+    for (const fleet of isOut ? [null] : [...gone, ...others]) for (const act of over) act(fleet);
+    if (isOut || others.length) live.stop();
     if (isOut) {
       this.state = 'out';
       setCsrf('');
-      live.stop();
       return;
     }
     this.ended = false;
     setCsrf(me.csrf);
     this.state = 'in';
-    live.start(() => this.#end());
+    if (others.length) this.person += 1;
+    live.start({
+      loggedOut: () => this.#end(),
+      found: (found) => this.#enter(found),
+      isAnother: (links) => this.#isAnother(links),
+    });
+    if (isOwn) return;
+    for (const fleet of others) for (const act of replaced) act(fleet, this.logins[fleet]?.user ?? '');
+  }
+
+  /** Take over who another tab has logged in. */
+  #isAnother(links: Record<string, Link>): boolean {
+    const others = Object.entries(links).filter(([fleet, link]) => isOther(this.logins[fleet], link));
+    if (!others.length) return false;
+    const fleets = { ...this.logins, ...(Object.fromEntries(others) as Record<string, Link & Login>) };
+    this.#enter({ fleets, csrf: csrfToken() });
+    return true;
   }
 
   #end(): void {

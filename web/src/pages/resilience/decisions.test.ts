@@ -4,6 +4,7 @@ import {
   type Ranking,
   type Settings,
   leftUntil,
+  openDecision,
   partsOf,
   percent,
   sortedDecisions,
@@ -75,4 +76,12 @@ it('says who has chosen a robot, or why it was taken by itself', () => {
   expect(takenText({ chosen: 'left', by: 'automatic' })).toBe('left, chosen by the server');
   expect(takenText({ chosen: 'left', by: 'back' })).toBe('left again: it can do it now');
   expect(takenText({ chosen: 'left', by: 'limit' })).toBe('left, the best when the time to decide was over');
+});
+
+it('stays at the decision that is shown while it is open', () => {
+  const one = (id: string, state = 'open') => ({ id, state }) as ListedDecision;
+  expect(openDecision([one('2'), one('1')], '')).toBe('2');
+  expect(openDecision([one('2'), one('1')], '1')).toBe('1');
+  expect(openDecision([one('2'), one('1', 'taken')], '1')).toBe('2');
+  expect(openDecision([one('1', 'taken')], '1')).toBe('');
 });

@@ -69,6 +69,12 @@ export function sortedDecisions(decisions: Iterable<ListedDecision>): ListedDeci
   );
 }
 
+/** The open decision that is shown to who has chosen none: the one that was, else the first; empty: none is open. */
+export function openDecision(decisions: readonly ListedDecision[], shown: string): string {
+  const open = decisions.filter((one) => one.state === 'open');
+  return (open.find((one) => one.id === shown) ?? open[0])?.id ?? '';
+}
+
 /** What each criterion adds to a robot's score, as a part of the best score: the lengths of a bar. */
 export function partsOf(ranking: Ranking, at: number): { name: string; part: number; missing: string }[] {
   const best = Math.max(...ranking.robots.map((one) => number(one.score)), 0);

@@ -32,6 +32,7 @@ from ua_fleet.errors import AccessRefused
 from ua_fleet.printing import config_option
 from ua_fleet.pubsub.application import bridge_application_uri
 from ua_fleet.storage.files import write_whole
+from ua_fleet.storage.private_file import exclusive
 from ua_fleet.storage.user_folder import default_identity_folder
 from ua_fleet.validity import Reminder, Validity
 from ua_fleet.values import StatusCode
@@ -42,6 +43,7 @@ _log: Any = structlog.get_logger("ua_fleet.certificates")
 
 
 VALID_DAYS: Final = 5 * 365
+_OTHER_KEY: Final = "belongs to a key"
 
 
 class ClientIdentity:
@@ -99,6 +101,8 @@ class ClientIdentity:
             certificate = self._own()
             self.tell_of_its_end()
             problem = _validity(certificate).problem(datetime.now(UTC))
+            if not problem and certificate.public_key() != key.public_key():
+                problem = f"{_OTHER_KEY} that is not {self.key}"
             if not problem:
                 return
             self._check_may_replace(certificate, problem)
@@ -132,14 +136,20 @@ class ClientIdentity:
             _log.warning(f"our certificate {notice}", certificate=str(self.certificate), todo=self._renewal)
 
     def _check_may_replace(self, certificate: x509.Certificate, problem: str) -> None:
-        if problem.startswith("expired") and not self._renewal and certificate.issuer == certificate.subject:
+        can_be_made = problem.startswith(("expired", _OTHER_KEY))
+        if can_be_made and not self._renewal and certificate.issuer == certificate.subject:
             return
-        remedy = self._renewal if problem.startswith("expired") else "check the clock of this machine"
+        remedy = self._renewal if can_be_made else "check the clock of this machine"
         remedy = remedy or f"have its CA issue another one, and put it there, or remove it and {self.key}"
         raise AccessRefused(StatusCode.BAD_SECURITY_CHECKS_FAILED, f"{self.certificate}: {problem}; {remedy}")
 
     def _make(self, kept: RSAPrivateKey | None = None) -> None:
         """Make a certificate for the key that is kept, or for a new one. A file that is kept cannot be lost."""
+        with exclusive(self.key):  # two that begin at once would leave the key of the one and the other's certificate
+            if kept is not None or not (self.certificate.exists() and self.key.exists()):
+                self._write(kept)
+
+    def _write(self, kept: RSAPrivateKey | None) -> None:
         key = kept or generate_private_key()
         names = [x509.UniformResourceIdentifier(self.application_uri), x509.DNSName(socket.gethostname())]
         certificate = generate_self_signed_app_certificate(

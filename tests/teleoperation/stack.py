@@ -53,10 +53,14 @@ SECURED: Final[dict[str, Any]] = {"security": "sign_and_encrypt", "keys": {"sour
 
 def _descendants(pid: int) -> Iterator[int]:
     """The processes that a process has started, and those that these have."""
-    for children in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in map(int, children.read_text().split()):
-            yield child
-            yield from _descendants(child)
+    children: list[int] = []
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # it has ended meanwhile
+        for thread in os.listdir(f"/proc/{pid}/task"):
+            with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+                children += map(int, Path(f"/proc/{pid}/task/{thread}/children").read_text().split())
+    for child in children:
+        yield child
+        yield from _descendants(child)
 
 
 def _waited(line: str) -> Waited | None:

@@ -64,10 +64,11 @@ class Operators:
         async def state() -> Any:
             run = f"ns=2;s=Fleet.Scenarios.Runs.{self._run_id}"
             columns = [self._client.get_node(f"{run}.{column}") for column in ("Tasks", "States")]
-            names, states = await self._client.read_values(columns)  # of one moment
-            return [state for name, state in zip(names, states, strict=True) if name == task][-1]
+            names, states = await self._client.read_values(columns)
+            is_whole = len(names) == len(states)  # one column is written after the other
+            return [state for name, state in zip(names, states, strict=is_whole) if name == task][-1:]
 
-        await until(state, lambda shown: shown == "asked")
+        await until(state, lambda shown: shown == ["asked"])
         assert (await call(self._client, "Scenarios", "Answer", self._run_id, task, answer)).status == 0
 
 

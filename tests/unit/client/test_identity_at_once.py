@@ -11,9 +11,9 @@ import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
-import ua_fleet.client.identity
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.errors import AccessRefused
+from ua_fleet.storage.files import write_whole
 
 
 def fits(identity: ClientIdentity) -> bool:
@@ -27,14 +27,13 @@ async def test_those_that_begin_at_once_have_one_certificate_and_its_key(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written: list[Path] = []
-    write_whole = ua_fleet.client.identity.write_whole
 
     def write(path: Path, data: bytes) -> None:
         write_whole(path, data)
         written.append(path)
         time.sleep(0.05)  # another one writes its own meanwhile, if it may
 
-    monkeypatch.setattr(ua_fleet.client.identity, "write_whole", write)
+    monkeypatch.setattr("ua_fleet.client.identity.write_whole", write)
     identities = [ClientIdentity(tmp_path) for _ in range(4)]
     await asyncio.gather(*[identity.ensure() for identity in identities])
     assert fits(identities[0])

@@ -1,13 +1,13 @@
 # asyncua is typed in part only.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
-# pyright: reportPrivateImportUsage=false
+# pyright: reportPrivateImportUsage=false, reportPrivateUsage=false
 """Subscriptions that leave nothing behind, and what they bring, for whoever iterates."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import Any, Generic, TypeVar
 
 from asyncua import Client, ua
@@ -84,7 +84,7 @@ class Subscriptions:
             try:
                 yield
             finally:
-                await quietly(subscription.delete())
+                await quietly(_delete(self._client, subscription))
         finally:
             self._feeds.discard(feed)
             self._dropped += feed.dropped
@@ -99,7 +99,7 @@ async def subscribe(client: Client, handler: SubscriptionHandler, period_ms: flo
         # The server makes it though nobody waits for the answer, which alone says what is to be deleted.
         await asyncio.wait([making])
         if not making.cancelled() and making.exception() is None:
-            await quietly(making.result().delete())
+            await quietly(_delete(client, making.result()))
         raise
 
 
@@ -109,6 +109,23 @@ async def _make(client: Client, handler: SubscriptionHandler, period_ms: float, 
         # At once: asked for before the first Publish, the values that are there come with its answer.
         await begin(subscription)
     except BaseException:
-        await quietly(subscription.delete())
+        await quietly(_delete(client, subscription))
         raise
     return subscription
+
+
+async def _delete(client: Client, subscription: Subscription) -> None:
+    """End it, and let go of its handler with what waits there, and of its nodes, also where the server does not answer.
+
+    asyncua keeps each subscription for a reconnection that is not used here, and its publish loop the last that it
+    served. None of what is emptied here has an accessor.
+    """
+    try:
+        await subscription.delete()
+    finally:
+        with suppress(ValueError):
+            client._subscriptions.remove(subscription)  # noqa: SLF001
+        if subscription.subscription_id is not None:  # there until the server has confirmed the end
+            client.uaclient.session._subscription_callbacks.pop(subscription.subscription_id, None)  # noqa: SLF001
+        subscription._handler = None  # noqa: SLF001
+        subscription._monitored_items.clear()  # noqa: SLF001

@@ -3,6 +3,7 @@
     DataReceived       the nodes of the source change; a source nobody knows falls under the policy for unknown sources
     SourceSilent       its nodes become Bad_NoCommunication and keep their last values and times
     SourceRefused      as long as it is not heard, its nodes become Bad_SecurityChecksFailed, also if it never was
+    SourceAppeared     it is there and has said nothing yet; values of it from before become as those of SourceStale
     SourceStale        it is there, and its last values become Uncertain_NoCommunicationLastUsableValue
     SourceReturned     they come back
     tick (each second) what the server says of robots, bridges and itself
@@ -36,6 +37,7 @@ from ua_fleet.fleet.turnover import LinePerMinute
 from ua_fleet.pubsub.events import (
     DataReceived,
     MetaDataReceived,
+    SourceAppeared,
     SourceRefused,
     SourceReturned,
     SourceSilent,
@@ -162,7 +164,7 @@ class FleetState:
             return changes
         if isinstance(event, SourceSilent):
             return self._silent(event.topic, wall_ticks)
-        if isinstance(event, SourceReturned | SourceStale):
+        if isinstance(event, SourceReturned | SourceStale | SourceAppeared):
             return self._there(event, wall_ticks)
         if isinstance(event, SourceRefused):
             return self._refused(event)
@@ -308,11 +310,11 @@ class FleetState:
             changes += self._life_changed(source, wall_ticks)
         return changes
 
-    def _there(self, event: SourceReturned | SourceStale, wall_ticks: int) -> list[Change]:
+    def _there(self, event: SourceReturned | SourceStale | SourceAppeared, wall_ticks: int) -> list[Change]:
         source = self._sources.get(event.topic)
         if source is None:
             return []
-        changes = source.age() if isinstance(event, SourceStale) else source.return_(is_followed=event.is_followed)
+        changes = source.return_(is_followed=event.is_followed) if isinstance(event, SourceReturned) else source.age()
         self._look_at_quality(source)
         if not source.alive:
             source.alive = True

@@ -19,6 +19,7 @@ __all__ = [
     "ProbeDue",
     "ProbeReceived",
     "SetpointReceived",
+    "SourceAppeared",
     "SourceRefused",
     "SourceReturned",
     "SourceSilent",
@@ -57,6 +58,15 @@ class SourceUnknown(NamedTuple):
     topic: Topic
     datagram: bytes | None
     """The probe to send now; None where the probe of a SourceUnknown beside this one asks for this source too."""
+
+
+class SourceAppeared(NamedTuple):
+    """A source of which no value was taken is there: its first keep-alive came. Said once.
+
+    It says nothing of any value: one that somebody has from before may be of an earlier life of the source.
+    """
+
+    topic: Topic
 
 
 class SourceSilent(NamedTuple):
@@ -143,6 +153,7 @@ SubscriberEvent = (
     | EventReceived
     | MetaDataReceived
     | SourceUnknown
+    | SourceAppeared
     | SourceSilent
     | SourceStale
     | SourceReturned

@@ -19,7 +19,7 @@ import heapq
 from collections.abc import Callable
 from itertools import count
 
-from ua_fleet.pubsub.events import SourceReturned, SourceSilent, SourceStale, SubscriberEvent
+from ua_fleet.pubsub.events import SourceAppeared, SourceReturned, SourceSilent, SourceStale, SubscriberEvent
 from ua_fleet.pubsub.remote_writer import RemoteWriter
 
 __all__ = ["Liveness"]
@@ -64,6 +64,16 @@ class Liveness:
             writer.silent = writer.stale = False
             self.add(writer)
             events.append(SourceReturned(writer.topic, is_followed))
+
+    def alive(self, writer: RemoteWriter, now: float, events: list[SubscriberEvent]) -> None:
+        """A keep-alive of a writer says that its value did not change; of one that has said none, that it is there."""
+        if writer.metadata is not None and not writer.has_appeared:
+            writer.has_appeared = True
+            events.append(SourceAppeared(writer.topic))
+        if (writer.silent or writer.stale) and not writer.has_said:
+            self.live(writer, now, events)  # nobody has a value of it that could be of now
+        else:
+            self.attest(writer, now, events)
 
     def live(self, writer: RemoteWriter, now: float, events: list[SubscriberEvent]) -> None:
         """A writer is there, and what its value is now is not known."""

@@ -178,7 +178,7 @@ class DataSetReaders:
         """Take a key frame without fields (OPC 10000-14 5.3.3): it says what a keep-alive says."""
         if writer.is_sure(number):
             writer.confirm(number)
-            self._attest(writer, now, events)
+            self._alive(writer, now, events)
         else:
             self._liveness.live(writer, now, events)
 
@@ -224,10 +224,10 @@ class DataSetReaders:
             writer, message, now, events
         ):
             if not writer.has_said:
-                self._attest(writer, now, events)
+                self._alive(writer, now, events)
             return
         if writer.is_sure(message.sequence_number) and not writer.is_of_another_version(message):
-            self._attest(writer, now, events)
+            self._alive(writer, now, events)
             return
         self._liveness.live(writer, now, events)
         if writer.gaps != gaps:
@@ -239,6 +239,11 @@ class DataSetReaders:
         if writer.silent:
             self._returned(writer.topic)
         self._liveness.attest(writer, now, events, is_followed=is_followed)
+
+    def _alive(self, writer: RemoteWriter, now: float, events: list[SubscriberEvent]) -> None:
+        if writer.silent:
+            self._returned(writer.topic)
+        self._liveness.alive(writer, now, events)
 
     def _bind(self, writer: RemoteWriter, message: DataSetMessage, now: float, events: list[SubscriberEvent]) -> bool:
         """Find the metadata of a message's version; if it is not known, see to it that it is probed for."""

@@ -63,6 +63,7 @@ class RemoteWriter:
         "failed",
         "gaps",
         "handed_on",
+        "has_appeared",
         "has_said",
         "heard_major",
         "heard_timestamp",
@@ -123,6 +124,8 @@ class RemoteWriter:
         """When a value was handed on."""
         self.has_said = False
         """Whether a value was handed on."""
+        self.has_appeared = False
+        """Whether it was told that it is there: a value was handed on, or a keep-alive has come."""
         self.doubted = False
         """Whether it may have another value than the last one handed on: something was dropped, or it began anew."""
         self.is_gone = False
@@ -240,7 +243,7 @@ class RemoteWriter:
             self._back_since = None
         self.last_frame = message
         self.is_gone = (message.status or 0) >> 16 == NO_COMMUNICATION
-        self.has_said = True
+        self.has_said = self.has_appeared = True
         self.doubted = False
         self.confirmed_number = message.sequence_number
 

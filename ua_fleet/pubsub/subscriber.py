@@ -28,6 +28,7 @@ from ua_fleet.pubsub.events import (
     ProbeDue,
     ProbeReceived,
     SetpointReceived,
+    SourceAppeared,
     SourceSilent,
     SourceStale,
     SourceUnknown,
@@ -277,6 +278,8 @@ class Subscriber:
         events: list[SubscriberEvent] = [MetaDataReceived(topic, writer.metadata)]
         if writer.last_frame is not None:
             events.append(DataReceived(topic, writer.last_frame, writer.metadata))
+        elif writer.has_appeared and not (writer.silent or writer.stale or writer.is_gone):
+            events.append(SourceAppeared(topic))
         if writer.silent or writer.stale:
             events.append(SourceSilent(topic) if writer.silent else SourceStale(topic))
         return events

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import sys
+from collections import Counter
 from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
+from contextlib import aclosing, asynccontextmanager
 from functools import partial
 from typing import Any
 
 import pytest
+from asyncua.common.subscription import SubscriptionItemData
 
 from tests.integration.robots.conftest import MACHINE, Yard
 from tests.integration.server_model.harness import ENGINEER, OPERATOR, Running
@@ -25,7 +28,8 @@ from ua_fleet.client import (
     RobotInvalid,
     SkillRequest,
 )
-from ua_fleet.errors import AccessRefused, RobotOffline, SkillFailed, SkillRejected
+from ua_fleet.client.subscriptions import Feed
+from ua_fleet.errors import AccessRefused, NotConnected, RobotOffline, SkillFailed, SkillRejected
 
 SKILL = {
     "needs": ["repair"],
@@ -33,6 +37,24 @@ SKILL = {
     "results": {"fixed": {"type": "Boolean"}, "cost": {"type": "Double"}},
     "timeout_s": 10,
 }
+
+
+def held() -> Counter[str]:
+    """What subscriptions of this process hold: their handlers, with what waits there, and their nodes."""
+    gc.collect()
+    kinds = (SubscriptionItemData, Feed)
+    return Counter(kind.__name__ for one in gc.get_objects() for kind in kinds if isinstance(one, kind))
+
+
+async def look(client: FleetClient) -> None:
+    """Watch whatever can be watched, each for a moment."""
+    async with aclosing(client.watch(["ns=2;s=Robots.machine.State"])) as changes:
+        await anext(changes)
+    for context in (client.told(), client.events(), client.conditions()):
+        async with context:
+            pass
+    async with client.offer_skill("mechanic", "repair", SKILL):
+        pass
 
 
 @asynccontextmanager
@@ -187,3 +209,28 @@ async def test_a_skill_that_is_offered_anew_is_started_with_its_arguments_as_the
                 await other.call_skill("porter", "go", **{name: asked[name] for name in names})
                 serving.cancel()
     assert got == [{"x": 1.0, "y": 2.0}, {"x": 1.0, "y": 2.0}, asked]
+
+
+async def test_nothing_is_kept_of_subscriptions_that_have_ended(yard: Yard) -> None:
+    async with yard.server() as running, connected(running) as client:
+        await RobotClient(client).register("machine", MACHINE, bridge="cell")
+        before = held()
+        for _ in range(3):
+            await look(client)
+        assert held() - before == Counter()
+        assert client._client._subscriptions == []  # pyright: ignore[reportPrivateUsage] - where asyncua keeps them
+
+
+async def test_nothing_is_kept_of_a_subscription_whose_connection_is_lost(yard: Yard) -> None:
+    async with yard.server() as running, connected(running) as client:
+        await RobotClient(client).register("machine", MACHINE, bridge="cell")
+        before = held()
+        changes = client.watch(["ns=2;s=Robots.machine.State"])
+        with pytest.raises(NotConnected):  # noqa: PT012 - it is raised where the next change is awaited
+            async with aclosing(changes), client.events():
+                await anext(changes)
+                assert held() - before == Counter({"SubscriptionItemData": 2, "Feed": 2})
+                client._client.disconnect_socket()  # pyright: ignore[reportPrivateUsage] - as when a cable is cut
+                await anext(changes)
+        del changes
+        assert held() - before == Counter()

@@ -264,9 +264,9 @@ def test_a_publisher_that_knows_no_maximum_age_is_attested_by_its_data_alone() -
         now = round(now + 0.1, 3)
         foreign.core.poll(now)
     names = [(at, type(event).__name__) for at, event in said]
-    assert names[:2] == [(0.0, "MetaDataReceived"), (0.0, "DataReceived")]
-    assert [name for _, name in names[2:]] == ["SourceStale"]
-    assert names[2][0] == pytest.approx(10.0, abs=0.2)
+    assert names[:3] == [(0.0, "MetaDataReceived"), (0.0, "SourceAppeared"), (0.0, "DataReceived")]
+    assert [name for _, name in names[3:]] == ["SourceStale"]
+    assert names[3][0] == pytest.approx(10.0, abs=0.2)
     foreign.take()
     foreign.read(TOPIC, 8, ns=10**10, now=now)
     [datagram] = foreign.take()

@@ -31,6 +31,7 @@ from ua_fleet.pubsub.events import (
     DataReceived,
     MetaDataReceived,
     ProbeReceived,
+    SourceAppeared,
     SourceReturned,
     SourceSilent,
     SourceStale,
@@ -285,6 +286,25 @@ def test_a_robot_is_offline_until_heard_and_when_all_its_sources_are_silent() ->
     assert "Robots.rover.State" not in values(fleet.state.apply(SourceSilent(SPEED), fleet.now))
     assert values(fleet.state.apply(SourceSilent(COUNT), fleet.now))["Robots.rover.State"][0] == RobotState.OFFLINE
     assert values(fleet.state.apply(SourceReturned(SPEED), fleet.now))["Robots.rover.State"][0] == RobotState.IDLE
+
+
+def test_a_robot_is_idle_once_a_source_is_there_that_has_said_nothing() -> None:
+    fleet = Fleet()
+    appeared = values(fleet.state.apply(SourceAppeared(SPEED), fleet.now))
+    assert appeared["Robots.rover.State"][0] == RobotState.IDLE
+    assert SPEED.id not in appeared, "it is Bad_WaitingForInitialData still"
+    silent = values(fleet.state.apply(SourceSilent(SPEED), fleet.now))
+    assert silent["Robots.rover.State"][0] == RobotState.OFFLINE
+    assert fleet.state.apply(SourceAppeared(Topic(9, 2, 9)), 1) == []
+
+
+def test_a_source_that_appears_anew_never_makes_its_old_value_good() -> None:
+    """Its writer was forgotten meanwhile, or its robot registered anew."""
+    fleet = Fleet()
+    fleet.speed(0.5, 77)
+    fleet.state.apply(SourceSilent(SPEED), fleet.now)
+    back = values(fleet.state.apply(SourceAppeared(SPEED), fleet.now))
+    assert back[1001] == (0.5, StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE, 77)
 
 
 def test_silence_of_a_robot_is_told_once_each_way() -> None:

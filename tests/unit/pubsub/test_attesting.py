@@ -15,6 +15,7 @@ from ua_fleet.pubsub import (
     DataReceived,
     ProbeReceived,
     PubSubTiming,
+    SourceAppeared,
     SourceReturned,
     SourceSilent,
     SourceStale,
@@ -269,3 +270,37 @@ def test_the_repeats_of_a_publisher_attest_its_value_for_ever() -> None:
         assert not reading.run_until(time)
         assert not reading.receive(datagrams, time)
     assert {part.kind for part in messages(writing.publish())} == {int(FrameKind.KEY)}
+
+
+def test_a_source_that_has_said_nothing_appears_by_its_keep_alives_alone() -> None:
+    writing, reading = Writing(), Reading()
+    announced_only, alive = writing.announce()
+    assert not only(SourceAppeared, reading.receive([announced_only], 100.0)), "anybody may keep metadata"
+    assert reading.receive([alive], 100.0)[-1] == SourceAppeared(TOPIC)
+    said = [event for time, datagrams in writing.run_until(120.0) for event in reading.receive(datagrams, time)]
+    assert said == []
+    # Dead, it is silent; there again, nobody has a value of it that could be of now, until it says one.
+    assert [event for _, event in reading.run_until(130.0)] == [SourceSilent(TOPIC)]
+    writing.now = 130.0
+    assert reading.receive(writing.announce(), 130.0) == [SourceStale(TOPIC)]
+    assert [event for time, sent in writing.run_until(140.0) for event in reading.receive(sent, time)] == []
+    assert [type(event) for event in reading.receive(writing.publish(), 140.0)] == [SourceReturned, DataReceived]
+
+
+def test_a_keep_alive_after_a_first_message_that_was_dropped_tells_that_its_source_is_there() -> None:
+    reading = Reading()
+    reading.receive([announced(7), sent_by(frame(0, types=(DOUBLE,), values=(1.0,)))], 100.0)
+    alive = DataSetMessage(TOPIC.id, kind=int(FrameKind.KEEP_ALIVE), sequence_number=1, major_version=7)
+    assert reading.receive([sent_by(alive)], 100.5) == [SourceAppeared(TOPIC)]
+
+
+def test_a_source_that_was_lost_before_it_said_anything_does_not_appear() -> None:
+    writing, reading = Writing(), Reading()
+    announced_only, _ = writing.announce()  # nobody hears its keep-alive
+    lost = writing.publisher.source_lost(TOPIC, timestamp=WALL, now=100.5)
+    said = reading.receive([announced_only, *lost], 100.5)
+    said += [event for time, sent in writing.run_until(200.0) for event in reading.receive(sent, time)]
+    assert not only(SourceAppeared, said)
+    said += [event for _, event in reading.run_until(200.0)]
+    assert said[-1] == SourceSilent(TOPIC)
+    assert reading.subscriber.known(TOPIC)[-1] == SourceSilent(TOPIC)

@@ -12,6 +12,7 @@ from ua_fleet.pubsub import (
     MetaDataReceived,
     ProbeReceived,
     PubSubTiming,
+    SourceAppeared,
     SourceReturned,
     SourceSilent,
     SourceUnknown,
@@ -63,7 +64,8 @@ def frame(level: float = 1.0, **changes: Any) -> DataSetMessage:
 
 def test_metadata_then_data_is_handed_on() -> None:
     writing, reading = Writing(), Reading()
-    [met] = reading.receive(writing.announce(), 100.0)
+    [met, appeared] = reading.receive(writing.announce(), 100.0)
+    assert appeared == SourceAppeared(TOPIC)
     assert isinstance(met, MetaDataReceived)
     assert (met.topic, met.metadata.fields) == (TOPIC, FIELDS)
     [data] = reading.receive(writing.publish(2.0), 100.0)
@@ -76,8 +78,8 @@ def test_metadata_then_data_is_handed_on() -> None:
 def test_what_was_heard_last_is_told_again_to_who_asks() -> None:
     writing, reading = Writing(), Reading()
     assert reading.subscriber.known(TOPIC) == []
-    [met] = reading.receive(writing.announce(), 100.0)
-    assert reading.subscriber.known(TOPIC) == [met]
+    [met, appeared] = reading.receive(writing.announce(), 100.0)
+    assert reading.subscriber.known(TOPIC) == [met, appeared]
     [data] = reading.receive(writing.publish(2.0), 100.0)
     assert reading.subscriber.known(TOPIC) == [met, data]
     silent = reading.subscriber.poll(200.0)
@@ -108,7 +110,7 @@ def test_without_the_loop_rule_our_own_data_comes_in() -> None:
     events = [
         event for datagram in [*writing.announce(), *writing.publish()] for event in subscriber.receive(datagram, 1.0)
     ]
-    assert kinds(events) == ["MetaDataReceived", "DataReceived"]
+    assert kinds(events) == ["MetaDataReceived", "SourceAppeared", "DataReceived"]
 
 
 def test_duplicates_are_dropped_and_counted() -> None:
@@ -557,9 +559,9 @@ def test_the_longest_silent_writer_makes_room_for_a_new_one() -> None:
     for second, topic in enumerate(topics[:2]):
         reading.receive(writing.announce(topic), 100.0 + second)
     reading.run_until(110.0)
-    assert kinds(reading.receive(writing.announce(topics[2]), 110.0)) == ["MetaDataReceived"]
+    assert kinds(reading.receive(writing.announce(topics[2]), 110.0)) == ["MetaDataReceived", "SourceAppeared"]
     assert set(reading.subscriber.writers) == set(topics[1:])
-    assert kinds(reading.receive(writing.announce(topics[1]), 111.0)) == ["SourceReturned"]
+    assert kinds(reading.receive(writing.announce(topics[1]), 111.0)) == ["SourceStale"]
 
 
 def test_announcements_that_nobody_sends_data_for_do_not_fill_the_memory() -> None:

@@ -16,6 +16,7 @@ from ua_fleet.pubsub import (
     MetaDataReceived,
     Publisher,
     PubSubTiming,
+    SourceAppeared,
     SourceRefused,
     SourceReturned,
     SourceSilent,
@@ -363,6 +364,13 @@ def test_delta_frames_raw_fields_and_events_go_as_they_are(are_events: bool) -> 
     ]
     assert told == [0.0, 1.0, 2.0, 3.0, 4.0]
     assert between.counters.drops == between.read_counters.drops == {}
+
+
+def test_a_source_that_has_said_nothing_appears_at_the_other_end() -> None:
+    between = Between()
+    announced, alive = between.writing.announce()
+    assert only(SourceAppeared, between.carry([announced])) == []
+    assert only(SourceAppeared, between.carry([alive])) == [SourceAppeared(TOPIC)]
 
 
 def test_a_lost_source_is_lost_at_the_other_end_and_returns_there() -> None:

@@ -29,6 +29,7 @@ from ua_fleet.pubsub import (
     MetaDataReceived,
     Publisher,
     PubSubTiming,
+    SourceAppeared,
     SourceRefused,
     SourceReturned,
     SourceSilent,
@@ -131,7 +132,7 @@ def test_a_configured_source_that_was_never_heard_says_why(make: type[Robot], dr
     assert speed_of(server.receive(forger.speed(9.9, 1.0), 1.0)) == []
     robot = Robot()
     changes = server.receive(robot.announce(2.0) + robot.speed(1.5, 2.0), 2.0)
-    assert speed_of(changes) == [(1.5, 0)]
+    assert speed_of(changes) == [(None, StatusCode.BAD_WAITING_FOR_INITIAL_DATA), (1.5, 0)]
     assert "ua_2_2_1001 (speed): its messages are taken again" in notices(changes)
     assert server.counters.drops[drop] == 4
 
@@ -164,6 +165,7 @@ def test_a_source_that_falls_silent_says_refused_once_it_is_and_comes_back_by_it
     assert speed_of(server.poll(7.0)) == [(1.5, NO_COMMUNICATION)]
     assert speed_of(server.receive(forger.speed(9.9, 7.0), 7.0)) == [(1.5, REFUSED)], "told again"
     assert [type(event) for event in server.events if not isinstance(event, MetaDataReceived)] == [
+        SourceAppeared,
         DataReceived,
         SourceSilent,
         SourceRefused,

@@ -1,7 +1,8 @@
 """Commands in the robot's own language, and the lines that it answers. Pure.
 
-A line rarely says which command it answers, so one command that is answered is under way at a time. After a timeout the
-connection is made anew, unless all lines have `{number}`: a late answer cannot be taken for the next one's.
+A line rarely says which command it answers, so one command that is answered is under way at a time. After a timeout,
+and after a halt that another line than `halted` has answered, the connection is made anew, unless all lines have
+`{number}`: an answer that still comes cannot be taken for the next one's.
 """
 
 from __future__ import annotations
@@ -42,9 +43,7 @@ MISSED_ANSWERS: Final = 3
 """A source that is asked and silent for so many periods is lost."""
 LEAST_SILENCE_S: Final = 2.0
 _OFFLINE: Final = "the robot takes no connection for commands; see that it is on and in remote control"
-
 _BROKEN: Final = "the connection broke before the command was sent; ask again when the robot is connected"
-
 TcpSkill = ConfiguredSkill[TcpSkillMapping]
 
 
@@ -131,6 +130,8 @@ class DirectSession:
         self._sources = Sources(put)
         self._executing = Executing(put)
         self._awaiting: tuple[_Command, Execution] | None = None
+        self._halts_sent = 0
+        """How often what is awaited was told to stop."""
         self._waiting: tuple[_Command, Execution, bytes] | None = None
         """What was begun while the robot was not connected."""
         self._left = b""
@@ -159,6 +160,9 @@ class DirectSession:
     def lost(self, now: float) -> None:
         """The connection is gone. What was not answered yet, nobody knows."""
         self._is_connected, self._offline_since = False, now
+        if self._left.strip():
+            self._sources.dropped(Drop.MALFORMED, "the connection ended in the middle of a line")
+        self._left = b""
         self._sources.all_lost()
         if self._awaiting is not None:
             execution_id = self._awaiting[1].execution_id
@@ -176,10 +180,15 @@ class DirectSession:
             answered = sum(self._awaiting is not None and self._answers(self._text(raw)) for raw in flood)
             said = "the robot says more lines than can be looked at"
             self._sources.dropped(Drop.RATE_LIMITED, said, len(flood) - answered)
-        for raw in lines:
+        for position, raw in enumerate(lines):
+            if not self._is_connected:  # the line before has ended it; what came with that is nobody's answer
+                if after := sum(bool(late.strip()) for late in lines[position:]):
+                    self._sources.dropped(Drop.UNASKED, "the robot said more after a halt that crossed an end", after)
+                break
             self._line(self._text(raw), now, time_ns)
         if len(self._left) > LONGEST_LINE:
             self._sources.dropped(Drop.MALFORMED, f"the robot sends a line of more than {LONGEST_LINE} bytes")
+            self._left = b""
             self._misbehaves("it sends a line without end; see direct.terminator")
 
     def _text(self, raw: bytes) -> str:
@@ -219,8 +228,22 @@ class DirectSession:
                 ended = Ended(StatusCode.BAD_UNEXPECTED_ERROR, (), said or "the robot says that it failed")
             self._awaiting = None
             self._executing.end(execution.execution_id, ended)
+            if is_told_to_stop and not self._is_numbered and not self._answers_halt(command, line):
+                self._halt_crossed(command)
             return True
         return False
+
+    def _answers_halt(self, command: _Command, line: str) -> bool:
+        """Whether a line is the answer to the halt for sure, so that no other one is to come."""
+        lines = (command.halted, command.failed, command.done)
+        is_halted, *is_other = (pattern is not None and pattern.match(line) is not None for pattern in lines)
+        return self._halts_sent == 1 and is_halted and not any(is_other)
+
+    def _halt_crossed(self, command: _Command) -> None:
+        """It ended by itself as it was told to stop. The robot's answer to that would be taken for the next one's."""
+        why = f"{command.skill.label} ended as it was told to stop, and the robot's answer to that may still come"
+        self._sources.dropped(Drop.UNASKED, f"{why}; the bridge connects anew")
+        self._reset(why)
 
     # What the robot is asked to do
 
@@ -249,7 +272,7 @@ class DirectSession:
         if not self._write(data):
             self._executing.end(execution.execution_id, Ended(StatusCode.BAD_NO_COMMUNICATION, (), _BROKEN))
         elif command.done is not None:
-            self._awaiting = (command, execution)
+            self._awaiting, self._halts_sent = (command, execution), 0
             self._executing.progress(execution.execution_id, 0.0)
         else:
             self._executing.end(execution.execution_id, Ended(StatusCode.GOOD, (), "it was sent to the robot"))
@@ -264,7 +287,7 @@ class DirectSession:
         """Send the command that stops it. Its end is what the robot says then.
 
         Raises:
-            SkillRejected: there is none.
+            SkillRejected: there is none; or it has ended, and the next one would be stopped.
             RobotOffline: the robot takes no connection.
         """
         if self._waiting is not None and self._waiting[1].execution_id == execution.execution_id:
@@ -273,11 +296,14 @@ class DirectSession:
             return
         if not self._is_connected:
             raise RobotOffline(_OFFLINE)
+        if self._executing.get(execution.execution_id) is None:
+            raise SkillRejected("that execution is not under way")
         command = self._commands[execution.topic]
         if command.halt is None:
             raise SkillRejected(f"{command.skill.label} cannot be stopped: it has no `halt`")
         if not self._write(self._encoded(command.halt.render(_arguments(command.skill, execution)))):
             raise RobotOffline(_BROKEN)
+        self._halts_sent += 1
         self._executing.told_to_stop(execution.execution_id, now)
 
     def _ended(self, execution_id: bytes, ended: Ended | None) -> None:

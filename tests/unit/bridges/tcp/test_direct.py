@@ -260,7 +260,22 @@ def test_halting(said: str, status: int, message: str) -> None:
     robot.says(said)
     (ended,) = robot.facts(ExecutionEnded)
     assert (ended.status, ended.message) == (status, message)
-    assert robot.resets == []
+    assert len(robot.resets) == (said != "STOPPED\n"), "another line leaves the answer to the halt open"
+
+
+def test_half_a_line_waits_for_its_end_and_is_counted_with_the_connection() -> None:
+    robot = Robot()
+    robot.says("COUN")
+    robot.after(1.0)
+    robot.says("T 5\nCOUN")
+    robot.after(1.0)
+    assert robot.facts(SampleRead)[0].values == (5,)
+    assert robot.drops(Drop.MALFORMED) == 0
+    robot.session.lost(robot.now)
+    robot.session.connected(robot.now)
+    robot.session.lost(robot.now)
+    assert robot.drops(Drop.MALFORMED) == 1
+    assert robot.offences == []
 
 
 def test_what_the_robot_says_of_a_halt_that_nobody_asked_for_is_no_answer() -> None:

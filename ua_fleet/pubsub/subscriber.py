@@ -281,6 +281,11 @@ class Subscriber:
             events.append(SourceSilent(topic) if writer.silent else SourceStale(topic))
         return events
 
+    def hears(self, topic: Topic) -> bool:
+        """Whether a source is heard now, and what its messages mean is known."""
+        writer = self._writers.get(topic)
+        return writer is not None and writer.metadata is not None and not writer.silent
+
     def disable(self, component: components.Component) -> list[SubscriberEvent]:
         """Take nothing for a component and what is below it: what it reads is silent at once; raises StateInvalid."""
         self.components.disable(component)

@@ -311,6 +311,10 @@ class Subscriber:
         """
         return self._wishes.want_action(publisher_id, data_set_writer_id, now)
 
+    def unwant_action(self, publisher_id: int, data_set_writer_id: int) -> None:
+        """Ask no longer for the Actions of a DataSetWriter."""
+        self._wishes.unwant_action(publisher_id, data_set_writer_id)
+
     def want(self, publisher_id: int, kind: ProbeKind, now: float) -> bool:
         """Ask a Publisher for its endpoints, connections or DataSetWriters, as `want_action` does for Actions."""
         return self._wishes.want(publisher_id, kind, now)

@@ -51,7 +51,9 @@ class Capacities:
         for topic in topics:
             self._owner.pop(topic, None)
         for name in (robot.name, robot.mounted_on):
-            self._given[name] = [given for given in self._given.get(name, ()) if given[2] not in topics]
+            given = [one for one in self._given.pop(name, ()) if one[2] not in topics]
+            if given:
+                self._given[name] = given
         return self._carrier_changed(robot) if self.of(robot.mounted_on) != before else []
 
     def _carrier_changed(self, robot: RobotModel) -> list[CapacitiesChanged]:

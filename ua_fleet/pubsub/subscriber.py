@@ -284,6 +284,11 @@ class Subscriber:
             events.append(SourceSilent(topic) if writer.silent else SourceStale(topic))
         return events
 
+    def hears(self, topic: Topic) -> bool:
+        """Whether a source is heard now, and what its messages mean is known."""
+        writer = self._writers.get(topic)
+        return writer is not None and writer.metadata is not None and not writer.silent
+
     def disable(self, component: components.Component) -> list[SubscriberEvent]:
         """Take nothing for a component and what is below it: what it reads is silent at once; raises StateInvalid."""
         self.components.disable(component)
@@ -308,6 +313,10 @@ class Subscriber:
         What is announced comes as AnnouncementReceived, the probes as ProbeDue.
         """
         return self._wishes.want_action(publisher_id, data_set_writer_id, now)
+
+    def unwant_action(self, publisher_id: int, data_set_writer_id: int) -> None:
+        """Ask no longer for the Actions of a DataSetWriter."""
+        self._wishes.unwant_action(publisher_id, data_set_writer_id)
 
     def want(self, publisher_id: int, kind: ProbeKind, now: float) -> bool:
         """Ask a Publisher for its endpoints, connections or DataSetWriters, as `want_action` does for Actions."""

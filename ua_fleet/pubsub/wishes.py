@@ -53,6 +53,10 @@ class Wishes:
         """Ask for the Actions of a DataSetWriter, soon and until they come; False if there are too many wishes."""
         return self._want((publisher_id, data_set_writer_id), now)
 
+    def unwant_action(self, publisher_id: int, data_set_writer_id: int) -> None:
+        """Ask no longer for the Actions of a DataSetWriter."""
+        self._end((publisher_id, data_set_writer_id))
+
     def want(self, publisher_id: int, kind: ProbeKind, now: float) -> bool:
         """Ask a Publisher for its endpoints, connections or DataSetWriters, until they come."""
         if kind not in _ANSWERS.values():
@@ -84,9 +88,8 @@ class Wishes:
             if kind is None:
                 return
             code = -kind
-        if isinstance(publisher_id, int) and (publisher_id, code) in self._wanted:
-            del self._wanted[publisher_id, code]
-            self._schedule.settled((publisher_id, code))
+        if isinstance(publisher_id, int):
+            self._end((publisher_id, code))
 
     def take_due(self, now: float) -> list[bytes]:
         """The probes to send now. One asks a Publisher for the Actions of many DataSetWriters."""
@@ -109,6 +112,11 @@ class Wishes:
     def next_deadline(self) -> float | None:
         """When the next probe is due, or None."""
         return self._schedule.next_deadline()
+
+    def _end(self, key: _Key) -> None:
+        if key in self._wanted:
+            del self._wanted[key]
+            self._schedule.settled(key)
 
     def _want(self, key: _Key, now: float) -> bool:
         if key not in self._wanted:

@@ -440,6 +440,8 @@ class ServerCore:
         self._runs.remove_robot(robot.name, is_replaced=is_replaced)
         self._commands.remove(robot)
         self._tracker.remove(robot)
+        for action in robot.actions():
+            self._subscriber.unwant_action(action.space, action.id)
         for data_set in robot.data_sets:
             if data_set.writable:
                 self._publisher.retire(data_set.topic)

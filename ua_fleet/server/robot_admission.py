@@ -34,6 +34,7 @@ class RobotAdmission:
         offers: ClientOffers,
         runs_of: Callable[[str], list[str]],
         told_of: Callable[[str], list[str]],
+        hears: Callable[[Topic], bool],
         wall_ticks: Callable[[], int],
     ) -> None:
         """Connect the parts.
@@ -48,11 +49,13 @@ class RobotAdmission:
             offers: skills that clients do.
             runs_of: the runs that need a robot.
             told_of: what people say of a robot.
+            hears: whether a source is heard now.
             wall_ticks: the wall clock.
         """
         self._hub, self._state, self._tracker = hub, state, tracker
         self._skills, self._projection, self._events = skills, projection, events
         self._offers, self._runs_of, self._told_of, self._wall_ticks = offers, runs_of, told_of, wall_ticks
+        self._hears = hears
 
     def take_in(self, robot: RobotModel) -> None:
         """A robot has come."""
@@ -84,6 +87,10 @@ class RobotAdmission:
     def is_heard(self, robot: RobotModel) -> bool:
         """Whether its SkillStatus is alive."""
         return robot.skill_status is not None and self._state.is_alive(robot.skill_status)
+
+    def hears(self, topic: Topic) -> bool:
+        """Whether a source is heard now, also one that belongs to no robot."""
+        return self._hears(topic)
 
     def stranger(self, ns: int, identifier: int) -> Topic | None:
         """The source that has an id and belongs to no robot or bridge."""

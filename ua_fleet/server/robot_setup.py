@@ -83,6 +83,7 @@ def connect_roster(
             offers,
             scenarios.users_of,
             scenarios.told_of,
+            ground.subscriber.hears,
             wall_ticks,
         )
     )

@@ -58,9 +58,10 @@ class Registry:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def put(self, robot: StoredRobot) -> None:
-        """Keep a robot, in place of one of the same name."""
-        self._database.commit(("INSERT OR REPLACE INTO robots VALUES (?, ?, ?, ?, ?, ?)", robot))
+    def put(self, robot: StoredRobot, was: str = "") -> None:
+        """Keep a robot, in place of one of the same name, and of the one that it `was` before."""
+        gone = [("DELETE FROM robots WHERE name = ?", (was,))] if was else []
+        self._database.commit(*gone, ("INSERT OR REPLACE INTO robots VALUES (?, ?, ?, ?, ?, ?)", robot))
 
     def remove(self, name: str) -> None:
         """Keep a robot no longer."""

@@ -41,3 +41,12 @@ def test_a_robot_that_is_gone_gives_nothing() -> None:
     (change,) = able.remove(pc)
     assert (change.robot.name, change.holds, change.lacks) == ("rover", ("mobile",), {})
     assert able.lacking("rover") == {}
+
+
+def test_nothing_is_kept_of_robots_that_are_gone() -> None:
+    able = Capacities()
+    for number in range(3):
+        pc = robot(f"pc{number}", on="rover", gives=(WARM,))
+        able.add(pc)
+        able.remove(pc)
+    assert vars(able)["_given"] == {}

@@ -240,6 +240,15 @@ def test_wishes_are_bounded() -> None:
         subscriber.want(1, ProbeKind.FIND_APPLICATIONS, 0.0)
 
 
+def test_what_is_not_wanted_any_more_is_not_asked_for_and_gives_its_place_free() -> None:
+    subscriber = Subscriber(2, PubSubTiming(), Counters(), CODEC, random=Random(1))
+    for writer_id in range(10_000):
+        assert subscriber.want_action(1, writer_id, 0.0)
+        subscriber.unwant_action(1, writer_id)
+    subscriber.unwant_action(1, 5)
+    assert only(ProbeDue, subscriber.poll(100.0)) == []
+
+
 def test_announcements_of_our_own_and_of_no_fleet_are_not_handed_on() -> None:
     counters = Counters()
     subscriber = Subscriber(1, PubSubTiming(), counters, CODEC)

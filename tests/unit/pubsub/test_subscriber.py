@@ -82,8 +82,10 @@ def test_what_was_heard_last_is_told_again_to_who_asks() -> None:
     assert reading.subscriber.known(TOPIC) == [met, appeared]
     [data] = reading.receive(writing.publish(2.0), 100.0)
     assert reading.subscriber.known(TOPIC) == [met, data]
+    assert reading.subscriber.hears(TOPIC)
     silent = reading.subscriber.poll(200.0)
     assert reading.subscriber.known(TOPIC) == [met, data, *silent]
+    assert not reading.subscriber.hears(TOPIC)
     assert len(silent) == 1
 
 

@@ -221,6 +221,20 @@ def test_a_robot_that_comes_between_two_bursts_is_announced_as_well() -> None:
     assert not bench.mistakes.count
 
 
+def test_the_actions_of_a_robot_that_is_gone_are_asked_for_no_longer() -> None:
+    bench = Bench()
+    bench.begin()
+    late = {"bridge": "mobile", "skill_status_id": 3000, "skills": {"turn": {"id": 3001}}}
+    (robot,) = Bench({"late": late}).model.robots
+    bench.core.add_robot(robot, now=bench.now, wall=bench.wall())
+    bench.until(1.0)
+    bench.core.remove_robot(robot, now=bench.now)
+    bench.until(100.0)
+    times = [at for at, probe in bench.probes() if 3001 in probe.data_set_writer_ids]
+    assert times
+    assert max(times) <= 1.0
+
+
 # What clients write.
 
 

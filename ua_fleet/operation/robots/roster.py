@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Protocol
 
 from ua_fleet.config.registration import CLIENTS, MOST_BYTES, Definition, RobotText, read_robot
 from ua_fleet.config.schema import FleetConfig
@@ -19,6 +18,8 @@ from ua_fleet.document import as_mapping
 from ua_fleet.errors import AccessRefused, ConfigInvalid, StorageUnavailable, UaFleetError
 from ua_fleet.fleet.model import FleetModel, RobotModel, RobotOrigin, UnknownSources
 from ua_fleet.operation.log import Log
+from ua_fleet.operation.robots.taking import Taking
+from ua_fleet.operation.robots.waiting import WaitingAnnouncements
 from ua_fleet.storage.registry import Registry, StoredRobot
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import StatusCode
@@ -45,34 +46,6 @@ class RobotFixed(UaFleetError):
 
     ua_status = StatusCode.BAD_INVALID_STATE
     remedy = "Change it where it comes from: in fleet.yaml, or by the client that registered it."
-
-
-class Taking(Protocol):
-    """The rest of the server, which takes robots in and lets them go."""
-
-    def take_in(self, robot: RobotModel) -> None:
-        """A robot has come."""
-        ...
-
-    def let_go(self, robot: RobotModel, *, is_replaced: bool) -> None:
-        """A robot that does nothing is gone; or it comes again at once, with another definition."""
-        ...
-
-    def users_of(self, robot: RobotModel) -> list[str]:
-        """What needs a robot now: executions and runs, for people."""
-        ...
-
-    def told_of(self, robot: RobotModel) -> list[str]:
-        """What people say of a robot, and what takes it back: a hold, faults that they end."""
-        ...
-
-    def is_heard(self, robot: RobotModel) -> bool:
-        """Whether its SkillStatus is alive."""
-        ...
-
-    def stranger(self, ns: int, identifier: int) -> Topic | None:
-        """The source that has an id and belongs to no robot or bridge."""
-        ...
 
 
 class RobotRegistry:
@@ -105,9 +78,8 @@ class RobotRegistry:
             self._note_ids(robot)
         self._taking: Taking | None = None
         self._announced: dict[Topic, str] = {}
-        """The last text of each SkillStatus that announces a robot."""
-        self._waiting: dict[Topic, str] = {}
-        """Announcements of robots that were at work when they came."""
+        """The text of each SkillStatus whose robot was taken."""
+        self._waiting = WaitingAnnouncements(config.server.max_discovered_sources)
         self._is_full = False
 
     def __iter__(self) -> Iterator[RobotModel]:
@@ -253,33 +225,49 @@ class RobotRegistry:
 
     def announced(self, topic: Topic, text: str) -> None:
         """A bridge says in the metadata of a robot's SkillStatus what the robot is."""
-        if self._config.server.unknown_sources is not UnknownSources.CREATE or self._announced.get(topic) == text:
+        if self._config.server.unknown_sources is not UnknownSources.CREATE:
             return
+        if self._announced.get(topic) == text:
+            self._waiting.discard(topic)
+        elif not self._waiting.waits(topic, text):  # else `tick` looks at it
+            self._look_at(topic, text)
+
+    def tick(self) -> None:
+        """Look again at what could not be taken; to be called each second."""
+        for topic, text in self._waiting.due(self._by_status, self._connected.hears) if self._waiting else ():
+            self._look_at(topic, text)
+
+    def _look_at(self, topic: Topic, text: str) -> None:
         known = self._by_status.get(topic)
         if known is not None and known.origin is not RobotOrigin.ANNOUNCED:
+            self._waiting.discard(topic)
             return  # the server has its own word on it
-        if len(self._announced) >= self._config.server.max_discovered_sources and topic not in self._announced:
-            if not self._is_full:
-                self._log.warning("more robots are announced than may be; raise server.max_discovered_sources")
-            self._is_full = True
+        if known is None and len(self._announced) >= self._config.server.max_discovered_sources:
+            self._too_many()
+            self._waiting.put(topic, text, "too many", is_known=False, is_heard=self._connected.hears)
             return
-        self._announced[topic] = text
-        was_waiting = self._waiting.pop(topic, None)
         try:
             self._take_announced(topic, text, known)
         except RobotInUse as error:
-            self._waiting[topic] = text
-            if was_waiting != text:
+            if not self._waiting.was_told(topic, text, "in use"):
                 self._log.warning("what a robot is announced as now has to wait", topic=topic.name, reason=str(error))
+            self._waiting.put(topic, text, "in use", is_known=True, is_heard=self._connected.hears)
         except (UaFleetError, StorageUnavailable) as error:
             reason = str(error.problems[0]) if isinstance(error, ConfigInvalid) else str(error)
-            self._log.warning("a robot that is announced gets no nodes", topic=topic.name, reason=reason)
+            was_told = self._waiting.was_told(topic, text, reason)
+            is_known = topic in self._by_status
+            if not self._waiting.put(topic, text, reason, is_known=is_known, is_heard=self._connected.hears):
+                self._too_many()
+            elif not was_told:
+                self._log.warning("a robot that is announced gets no nodes", topic=topic.name, reason=reason)
+        else:
+            self._announced[topic] = text
+            self._waiting.discard(topic)
 
-    def tick(self) -> None:
-        """Look again at what had to wait; to be called each second."""
-        for topic, text in list(self._waiting.items()):
-            self._announced.pop(topic, None)
-            self.announced(topic, text)
+    def _too_many(self) -> None:
+        if not self._is_full:
+            self._log.warning("more robots are announced than may be; raise server.max_discovered_sources")
+        self._is_full = True
 
     def _take_announced(self, topic: Topic, text: str, known: RobotModel | None) -> None:
         name = _named(text)
@@ -295,12 +283,10 @@ class RobotRegistry:
             return
         if known is not None:
             self._check_idle(known)
-            if known.name != name:
-                self._check_nothing_told(known, name)
-                self._registry.remove(known.name)
-                self._drop(known)
-        self._put(definition, model, topic.name)
-        self._announced[topic] = text
+        renamed = known if known is not None and known.name != name else None
+        if renamed is not None:
+            self._check_nothing_told(renamed, name)
+        self._put(definition, model, topic.name, renamed)
         self._log.info("robot announced, and not in fleet.yaml: it gets nodes", robot=name, topic=topic.name)
 
     # Within.
@@ -310,9 +296,12 @@ class RobotRegistry:
         assert self._taking is not None, "robots come and go after `connect`"
         return self._taking
 
-    def _put(self, definition: Definition, model: RobotModel, by: str) -> None:
+    def _put(self, definition: Definition, model: RobotModel, by: str, renamed: RobotModel | None = None) -> None:
         said = definition.text
-        self._registry.put(StoredRobot(said.name, model.origin.value, definition.bridge, said.text, by, self._wall_s()))
+        stored = StoredRobot(said.name, model.origin.value, definition.bridge, said.text, by, self._wall_s())
+        self._registry.put(stored, was=renamed.name if renamed is not None else "")
+        if renamed is not None:
+            self._drop(renamed)
         before = self._robots.get(said.name)
         if before is not None:
             self._drop(before, is_replaced=True)
@@ -327,6 +316,7 @@ class RobotRegistry:
         if robot.skill_status is not None:
             del self._by_status[robot.skill_status]
             self._announced.pop(robot.skill_status, None)
+            self._waiting.discard(robot.skill_status)
             self._is_full = False
         self._connected.let_go(robot, is_replaced=is_replaced)
 

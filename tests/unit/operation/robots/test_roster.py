@@ -39,6 +39,7 @@ class Parts:
         self.users: list[str] = []
         self.told: list[str] = []
         self.heard = False
+        self.silent: set[Topic] = set()
         self.strangers: dict[int, Topic] = {}
 
     def take_in(self, robot: RobotModel) -> None:
@@ -55,6 +56,9 @@ class Parts:
 
     def is_heard(self, robot: RobotModel) -> bool:
         return self.heard
+
+    def hears(self, topic: Topic) -> bool:
+        return topic not in self.silent
 
     def stranger(self, ns: int, identifier: int) -> Topic | None:
         return self.strangers.get(identifier)

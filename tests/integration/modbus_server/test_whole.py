@@ -82,7 +82,7 @@ class Hall:
             PYTHONUNBUFFERED="1",
             UA_FLEET_CONFIG=str(self.folder / "fleet.yaml"),
             UA_FLEET_PASSWORD=PASSWORD,
-            XDG_CONFIG_HOME=str(self.folder / "config"),
+            XDG_STATE_HOME=str(self.folder / "config"),
             HOME=str(self.folder),
         )
         return self._processes.start(sys.executable, "-m", "ua_fleet.cli", *arguments, env=environment)

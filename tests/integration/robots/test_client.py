@@ -67,7 +67,7 @@ async def connected(running: Running, user: tuple[str, str] = ENGINEER) -> Async
 async def command(
     yard: Yard, url: str, *arguments: str, user: tuple[str, str] = ENGINEER, stdin: str = ""
 ) -> tuple[int, str, str]:
-    env = clean_environment(UA_FLEET_PASSWORD=user[1], XDG_CONFIG_HOME=str(yard.folder / "config"))
+    env = clean_environment(UA_FLEET_PASSWORD=user[1], XDG_STATE_HOME=str(yard.folder / "config"))
     words = cli(*arguments, "-u", user[0], "-e", url)
     ended = await asyncio.to_thread(partial(run, *words, env=env, stdin=stdin))
     return ended.returncode, ended.stdout, ended.stderr
@@ -182,7 +182,7 @@ async def test_the_command_line_offers_by_hand_and_by_a_program(yard: Yard) -> N
         process = forked(
             *cli("skill", "offer", "mechanic", "repair"),
             *("--run", f"{sys.executable} {script}", "-u", OPERATOR[0], "-e", running.url),
-            env=clean_environment(UA_FLEET_PASSWORD=OPERATOR[1], XDG_CONFIG_HOME=str(yard.folder / "config")),
+            env=clean_environment(UA_FLEET_PASSWORD=OPERATOR[1], XDG_STATE_HOME=str(yard.folder / "config")),
         )
         assert await called("the belt") == {"fixed": True, "cost": 8.0}
         assert "too high" in await called("the roof")

@@ -129,7 +129,7 @@ async def test_the_command_line_calls_skills(hall: Hall) -> None:
 
         async def command(*arguments: str) -> tuple[int, str, str]:
             words = cli("skill", *arguments, "-u", OPERATOR[0], "-e", client.endpoint)
-            env = clean_environment(UA_FLEET_PASSWORD=OPERATOR[1], XDG_CONFIG_HOME=str(hall.folder / "config"))
+            env = clean_environment(UA_FLEET_PASSWORD=OPERATOR[1], XDG_STATE_HOME=str(hall.folder / "config"))
             ended = await asyncio.to_thread(partial(run, *words, env=env))
             return ended.returncode, ended.stdout, ended.stderr
 
@@ -165,7 +165,7 @@ async def test_a_call_that_is_interrupted_says_what_becomes_of_the_skill(hall: H
             process = forked(
                 *cli("skill", "call", "machine", "work", f"work={ENDLESS_WORK}"),
                 *("seconds=0", "-u", OPERATOR[0], "-e", client.endpoint, *options),
-                env=clean_environment(UA_FLEET_PASSWORD=OPERATOR[1], XDG_CONFIG_HOME=str(hall.folder / "config")),
+                env=clean_environment(UA_FLEET_PASSWORD=OPERATOR[1], XDG_STATE_HOME=str(hall.folder / "config")),
             )
             assert process.stderr is not None
             said = ""

@@ -1,5 +1,5 @@
 import { expect, it } from 'vitest';
-import { KNOWN_MS, Unanswered, isCommand, placeToLook } from './commands';
+import { KNOWN_MS, Unanswered, isCommand, isDoneOnce, placeToLook } from './commands';
 
 it('gives the same command the same key until it is answered, for a short time', () => {
   const unanswered = new Unanswered();
@@ -20,4 +20,9 @@ it('takes what it does not know for a command, and says where to look', () => {
   expect(placeToLook('skill.start')).toBe('errors.unknown_robot');
   expect(placeToLook('scenario.run')).toBe('errors.unknown_run');
   expect(placeToLook('constructor.x')).toBe('errors.unknown_other');
+});
+
+it('does again what stops or holds, and once what begins', () => {
+  expect(['robots.hold', 'run.pause', 'run.abort', 'skill.halt', 'node.read'].map(isDoneOnce)).not.toContain(true);
+  expect(['skill.start', 'scenario.run', 'run.tell_event', 'new.one'].map(isDoneOnce)).not.toContain(false);
 });

@@ -2,7 +2,7 @@
  * What may have been carried out though no answer came.
  *
  * Each press of a command has a key, by which the console carries it out once. Until an answer comes, the same command
- * has the same key, for as long as the console is sure to know it.
+ * has the same key, for as long as the console is sure to know it; one that sets a state has another one each time.
  */
 
 /** From the first press on; the console knows the key for 120 s from its answer on. */
@@ -26,6 +26,31 @@ const READ = new Set([
 ]);
 
 export const isCommand = (operation: string) => !READ.has(operation);
+
+/** Commands that set a state, as Hold: pressed again they are meant again, whatever somebody else has said meanwhile. */
+const SETS = new Set([
+  'alarm.disable',
+  'alarm.enable',
+  'alarm.shelve',
+  'alarm.suppress',
+  'alarm.unshelve',
+  'alarm.unsuppress',
+  'fault.clear',
+  'fault.raise',
+  'node.write',
+  'resilience.mode',
+  'robots.hold',
+  'robots.release',
+  'run.abort',
+  'run.pause',
+  'run.resume',
+  'skill.halt',
+  'skill.resume',
+  'skill.suspend',
+]);
+
+/** Whether a command whose answer was lost is not to be done a second time when it is pressed again. */
+export const isDoneOnce = (operation: string) => isCommand(operation) && !SETS.has(operation);
 
 const PLACES = {
   alarm: 'errors.unknown_alarm',

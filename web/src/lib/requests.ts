@@ -1,5 +1,5 @@
 /** Requests to the console: JSON there and back, and each error in one line. */
-import { Unanswered, isCommand, placeToLook } from './commands';
+import { Unanswered, isCommand, isDoneOnce, placeToLook } from './commands';
 import type { ErrorBody, Fleets, Json, Me } from './protocol';
 import { t } from './texts';
 
@@ -104,7 +104,7 @@ export async function operation<T = Json>(fleet: string, name: string, parameter
     return (await post<{ result: T }>(path, parameters, json, { ...more, 'Idempotency-Key': key.key })).result;
   } catch (error) {
     if (!(error instanceof RequestError && error.unanswered)) throw error;
-    unanswered.lost(command, key);
+    if (isDoneOnce(name)) unanswered.lost(command, key);
     throw new RequestError(error.http, { message: t(placeToLook(name)) }, null, true);
   }
 }

@@ -27,7 +27,9 @@ class Hall:
     def __init__(self, folder: Path, udp_url: str, processes: Processes) -> None:
         self.folder, self.processes = folder, processes
         self._udp_url, self._port = udp_url, free_tcp_port()
-        self._environment = clean_environment(PYTHONUNBUFFERED="1", UA_FLEET_CONFIG=str(folder / "fleet.yaml"))
+        self._environment = clean_environment(
+            PYTHONUNBUFFERED="1", UA_FLEET_CONFIG=str(folder / "fleet.yaml"), XDG_STATE_HOME=str(folder / "users")
+        )
 
     @property
     def endpoint(self) -> str:

@@ -251,7 +251,11 @@ async def test_a_robot_at_a_skill_is_not_given_out_and_one_that_is_driven_takes_
         await until(state.read_value, lambda found: found == 2)
         with pytest.raises(ua.uaerrors.BadTooManyOperations):
             await client.get_node(WAVE).call_method("0:Start", ua.Variant(0.1, ua.VariantType.Double))
-        async with FleetClient.connect(made.running.url, user=OBSERVER[0], password=OBSERVER[1]) as fleet_client:
+        user, password = OBSERVER
+        identity = ClientIdentity(made.running.folder / "identity")
+        async with FleetClient.connect(
+            made.running.url, user=user, password=password, identity=identity
+        ) as fleet_client:
 
             async def tasks() -> list[str]:
                 return [one.task for one in await fleet_client.summaries()]

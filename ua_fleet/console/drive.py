@@ -1,6 +1,6 @@
 """The WebSocket by which a page drives one robot: one lease at most, which lives and ends with it.
 
-    page -> console   {"csrf", "fleet", "robot", "take_over"}   first: Acquire
+    page -> console   {"csrf", "fleet", "user", "robot", "take_over"}   first: Acquire
                       {"n", "echo", "values"}                   setpoints, each 20 to 50 ms while it is held
                       {"release": true}
     console -> page   {"held": {...}}                           the lease, the axes and the times of it
@@ -66,6 +66,8 @@ class _First(FirstSaid):
     """Which robot a page wants to drive."""
 
     fleet: str = Field(default="", max_length=100)
+    user: str = Field(default="", max_length=1000)
+    """As whom the page drives, as far as it shows; empty: it does not say."""
     robot: str = Field(default="", max_length=1000)
     take_over: bool = False
 
@@ -146,6 +148,13 @@ class DriveSocket:
         if link is None:
             self._counts.drop("not_logged_in")
             said = f"you are not logged in at {harmless(first.fleet)}"
+            await self._end(CLOSE_LOGGED_OUT, said, {"message": said})
+        if first.user and first.user != link.shown["user"]:
+            self._counts.drop("other_user")
+            said = (
+                f"no robot is driven: this browser is logged in at {link.fleet} as {link.user} now, "
+                f"and not as {harmless(first.user)}"
+            )
             await self._end(CLOSE_LOGGED_OUT, said, {"message": said})
         self._link = link
         self._people.sessions.use(self._session, time.monotonic())

@@ -71,6 +71,19 @@ async def test_the_robot_is_released_when_the_page_goes(made: Floor, console: Co
         assert made.carrier.written[-1] == (0.0, 0.0)
 
 
+async def test_a_page_that_shows_another_user_drives_nothing(made: Floor, console: Console) -> None:
+    """Another tab of the browser has logged somebody else in, and this one does not know it yet."""
+    async with made.running.client(OBSERVER) as onlooker, console.logged_in() as browser:
+        async with drive(browser, user="anna b") as page:
+            assert await page.closed() == 4401
+            assert not page.held
+            assert "at hall as oscar now, and not as anna b" in page.over["message"]
+        assert await until_value(onlooker, "State", 0) == 0
+        async with drive(browser, user="oscar") as page:
+            assert page.held["robot"]
+    assert (await drops(console))["other_user"] == 1
+
+
 async def test_a_page_that_is_silent_has_no_lease(made: Floor, console: Console) -> None:
     async with made.running.client(OBSERVER) as onlooker, console.logged_in() as browser, drive(browser) as page:
         began = time.monotonic()

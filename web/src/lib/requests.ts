@@ -37,6 +37,9 @@ export function setUserAt(user: (fleet: string) => string): void {
   userAt = user;
 }
 
+/** The person that this page shows at a fleet; empty: nobody. */
+export const shownUser = (fleet: string): string => userAt(fleet);
+
 const unanswered = new Unanswered();
 let whenRepeated: () => void = () => {};
 

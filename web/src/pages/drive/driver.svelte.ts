@@ -3,7 +3,7 @@
  * page's end. Whatever ends it, zero and a release go out at once; what the bridge makes of it does not depend on them.
  */
 import type { ErrorBody } from '../../lib/protocol';
-import { csrfToken } from '../../lib/requests';
+import { csrfToken, shownUser } from '../../lib/requests';
 import { t } from '../../lib/texts';
 import { type Axis, type Deflection, mappingOf, type Mapping, REST, type Sample, speedsOf } from './axes';
 import { DeadMan, type Ending } from './deadman';
@@ -93,7 +93,7 @@ export class Driver {
     this.#ws = ws;
     this.#listen();
     this.#opening = setTimeout(() => this.#close('over', { message: t('drive.no_answer') }), OPENING_MS);
-    ws.onopen = () => ws.send(JSON.stringify({ csrf: csrfToken(), fleet, robot, take_over: takeOver }));
+    ws.onopen = () => ws.send(JSON.stringify({ csrf: csrfToken(), fleet, user: shownUser(fleet), robot, take_over: takeOver }));
     ws.onmessage = (event) => {
       if (ws === this.#ws) this.#take(JSON.parse(event.data as string) as FromDrive);
     };

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
-from typing import NoReturn
+from typing import Final, NoReturn
 
-__all__ = ["main"]
+__all__ = ["EXIT_INTERRUPTED", "main"]
+
+EXIT_INTERRUPTED: Final = 130
 
 
 def main() -> NoReturn:
@@ -16,6 +18,8 @@ def main() -> NoReturn:
 
         if (code := quick(sys.argv[2:])) is not None:
             sys.exit(code)
-    from ua_fleet.cli.app import main as whole
-
+    try:
+        from ua_fleet.cli.app import main as whole
+    except KeyboardInterrupt:  # the import takes half a second
+        sys.exit(EXIT_INTERRUPTED)
     whole()

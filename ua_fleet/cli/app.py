@@ -14,6 +14,7 @@ from typing import Annotated, Final, NoReturn
 import typer
 
 from ua_fleet import __version__
+from ua_fleet.cli import EXIT_INTERRUPTED
 from ua_fleet.cli.command_group import add_command as _add
 from ua_fleet.cli.command_group import command_group
 from ua_fleet.cli.completion import prepare_completion
@@ -23,8 +24,6 @@ from ua_fleet.cli.plug_ins import ExtensibleGroup
 from ua_fleet.errors import ConfigInvalid, JudgementsInvalid, ScenarioInvalid, UaFleetError
 
 __all__ = ["app", "main"]
-
-EXIT_INTERRUPTED: Final = 130
 
 _HELP: Final = """A mixed fleet of robots as one OPC UA server, with UA bridges over OPC UA PubSub.
 

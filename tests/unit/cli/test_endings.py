@@ -229,3 +229,27 @@ def test_folders_that_cannot_be_read_have_no_answer(
         ended = invoke("cert", *arguments, "-c", str(fleet))
         assert (ended.code, ended.stdout) == (1, "")
         assert ": Permission denied; run this as the user of the server" in ended.stderr
+
+
+def test_ctrl_c_while_the_modules_load_ends_without_a_traceback() -> None:
+    program = """
+import os, signal, sys
+
+class Interrupted:
+    def find_spec(self, name, path=None, target=None):
+        if name == "ua_fleet.cli.app":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupted())
+from ua_fleet.cli import main
+main()
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=clean_environment(),
+        check=False,
+    )
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")

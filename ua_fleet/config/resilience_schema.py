@@ -18,7 +18,7 @@ __all__ = ["RESERVED_SOURCES", "CriterionConfig", "DistanceConfig", "FaultCondit
 
 LONGEST_LIMIT_S: Final = 2e11
 """A deadline is told to people as a time, and the last one of those is at the end of the year 9999."""
-RESERVED_SOURCES: Final = frozenset({"announced", "robot", "silent", "skill"})
+RESERVED_SOURCES: Final = frozenset({"announced", "not_halted", "robot", "silent", "skill"})
 """What else finds faults."""
 
 

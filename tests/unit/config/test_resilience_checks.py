@@ -68,6 +68,7 @@ def test_all_mistakes_are_told_at_once_with_their_lines() -> None:
     blob: {robots: [ur3], when: blob > 1}
     silent: {robots: [ur3], when: battery < 1}
     bad: {robots: [ur3], when: "battery <"}
+    not_halted: {robots: [ur3], when: battery < 1}
 """) == [
         "20:resilience.critera: unknown key `critera`; did you mean `criteria`?",
         "22:resilience.criteria.battery.range: `range` is missing; add `range: ...`",
@@ -93,6 +94,7 @@ def test_all_mistakes_are_told_at_once_with_their_lines() -> None:
         "30:resilience.faults.blob.when: `blob` of ur3 is a ByteString, which cannot be used here",
         "31:resilience.faults.silent: `silent` is found by the program itself; choose another name",
         "32:resilience.faults.bad: 'battery <' is no condition; write e.g. temperature > 20",
+        "33:resilience.faults.not_halted: `not_halted` is found by the program itself; choose another name",
     ]
 
 

@@ -150,6 +150,11 @@ class Live {
     return this.link(fleet).state === 'live';
   }
 
+  /** Why nobody acts on what is shown of a fleet, where a feed of it is not current. */
+  whyOld(fleet: string): string {
+    return this.isLive(fleet) ? t('link.old') : t('resilience.away');
+  }
+
   /** The feed that is wanted; `leave` it when it is no more. */
   enter(want: Want): Feed {
     const key = JSON.stringify([want.fleet, want.feed, want.parameters]);

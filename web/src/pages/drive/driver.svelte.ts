@@ -93,7 +93,8 @@ export class Driver {
     this.#ws = ws;
     this.#listen();
     this.#opening = setTimeout(() => this.#close('over', { message: t('drive.no_answer') }), OPENING_MS);
-    ws.onopen = () => ws.send(JSON.stringify({ csrf: csrfToken(), fleet, user: shownUser(fleet), robot, take_over: takeOver }));
+    ws.onopen = () =>
+      ws.send(JSON.stringify({ csrf: csrfToken(), fleet, user: shownUser(fleet), robot, take_over: takeOver }));
     ws.onmessage = (event) => {
       if (ws === this.#ws) this.#take(JSON.parse(event.data as string) as FromDrive);
     };

@@ -94,11 +94,10 @@ class MqttCore:
             max_text_bytes: of a message as JSON.
             json: how JSON is spoken; without it UADP is. The topics are those of the same encoding.
         """
-        self._party, self._tree, self._outbox, self._qos = party, tree, outbox, qos
+        self._party, self._tree, self._outbox, self._qos, self._json = party, tree, outbox, qos, json
         self._addressing = Addressing(tree, party.names, party.setpoint_groups)
         self._keep_alive_expiry_s = max(math.ceil(keep_alive_expiry_s), 1)
         self._max_payload_bytes, self._max_text_bytes = max_payload_bytes, max_text_bytes
-        self._json = json
         own, others = Descriptions(), Descriptions()
         self._writer: JsonWriter | None = None
         self._reader: JsonReader | None = None
@@ -139,7 +138,7 @@ class MqttCore:
     def will(self, now: float) -> bytes | None:
         """What the broker is to say when the connection breaks (7.3.4.7.7); None for a tool, or without a key."""
         publisher = self._party.publisher_id
-        if publisher is None:
+        if publisher is None or (self._party.is_secured and not self._party.token(now)):
             return None
         status = StatusAnnouncement(publisher, PublisherIdType.UINT16.value, 0, False, PubSubState.ERROR.value)
         return self._sealed(encode_announcement(status), now)
@@ -181,7 +180,10 @@ class MqttCore:
             if is_late and self._outbox.expired(parcel):  # a relay does not know whether its source is there
                 continue
             payload = parcel.payload
-            if payload is None and (payload := self._sealed(parcel.plain, now)) is None:
+            if payload is None or (parcel.has_waited and self._writer is None and not is_chunk(payload)):
+                payload = self._sealed(parcel.plain, now) or payload
+                parcel.payload = payload if parcel.has_waited else None  # as long as before
+            if payload is None:
                 self._outbox.not_secured(parcel)
                 continue
             yield self._outgoing(parcel, payload, now)
@@ -344,8 +346,7 @@ class MqttCore:
             expiry_s = max(math.ceil(deadline - now), 1)
         elif subject.is_keep_alive:
             expiry_s = self._keep_alive_expiry_s
-        is_value = subject.lane is Lane.VALUE
-        qos = self._qos if is_value else _OF_DISCOVERY_QOS
+        qos = self._qos if subject.lane is Lane.VALUE else _OF_DISCOVERY_QOS
         if subject.lane is Lane.COMMAND and subject.kind is Kind.DATA:
             qos = 0  # a setpoint: the next one is there before this one could be sent again
         return Outgoing(parcel, topic, payload, qos, is_kept, subject.kind, expiry_s)

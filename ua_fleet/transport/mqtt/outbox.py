@@ -6,7 +6,7 @@
       keep-alive   needed by nobody                  sent                   waits, unless more of its writer does
     COMMAND        dropped (broker_away)             sent                   waits for its lifetime, then expired
 
-    connected      all that is kept goes again first, then the values that wait, in their order
+    connected      all that is kept goes again first, then the values that wait, in their order, secured anew
     renewed        all that is kept goes again: under a new key, who has only that one could not read it otherwise
     disconnected   commands are dropped; values that were not acknowledged wait again, in their place
 
@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import Final
 
 from ua_fleet.counters import Drop
@@ -54,6 +55,12 @@ class Parcel:
     """Where it goes, if not to the topic of its subject: a response may be wanted elsewhere."""
     sent_at: float = 0.0
     is_sent: bool = False
+    has_waited: bool = False
+    """It is a value that was secured before there was a connection, and that no broker has had.
+
+    It is secured anew: what is kept goes before it with a higher number, after which who hears us for the first time
+    takes no lower one.
+    """
 
     @property
     def size(self) -> int:
@@ -170,6 +177,8 @@ class Outbox:
         """
         self._is_connected = True
         self._window = min(self._most_in_flight, receive_maximum)
+        for parcel in chain(self._values, *self._last.values()):
+            parcel.has_waited = not parcel.is_sent
         self.renewed(now)
 
     def renewed(self, now: float) -> None:

@@ -6,13 +6,12 @@ import pytest
 
 from tests.unit.pubsub.publishing import FIELDS, TOPIC, WALL
 from tests.unit.pubsub.security.securing import action, announcement, data, envelope, group_keys, probe
-from ua_fleet.counters import Counters, Drop
-from ua_fleet.pubsub import Application, Publisher, PubSubTiming, describe
+from tests.unit.transport.mqtt.speaking import Speaking
+from ua_fleet.counters import Drop
 from ua_fleet.pubsub.publisher_ids import PublisherIds
-from ua_fleet.pubsub.security.envelope import Envelope
-from ua_fleet.pubsub.security.groups import command_group, telemetry_group
+from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.topics import Topic
-from ua_fleet.transport.mqtt.core import STRANGER_GRACE_S, Heard, MqttCore, Outgoing
+from ua_fleet.transport.mqtt.core import STRANGER_GRACE_S, Heard, MqttCore
 from ua_fleet.transport.mqtt.incoming import Verdict
 from ua_fleet.transport.mqtt.outbox import KEPT_FOR_S, Outbox
 from ua_fleet.transport.mqtt.topics import TopicTree
@@ -22,52 +21,6 @@ from ua_fleet.wire import Codec, SecurityMode, encode_action, read_security
 from ua_fleet.wire.actions import ActionMessage, ActionState
 from ua_fleet.wire.discovered import ActionTarget, PubSubState, StatusAnnouncement
 from ua_fleet.wire.messages import PublisherIdType
-
-BROKERED = Application(describe("urn:test", "bridge floor"), is_brokered=True, url="mqtt://broker:1883")
-
-
-class Speaking:
-    """A publisher of space 1 over a broker."""
-
-    def __init__(self, *, mode: SecurityMode = SecurityMode.NONE, publisher_ids: PublisherIds | None = None) -> None:
-        self.now = 100.0
-        self.counters = Counters()
-        self.publisher = Publisher(1, PubSubTiming(), self.counters, Codec(), BROKERED)
-        groups = [] if mode is SecurityMode.NONE else [telemetry_group(1), command_group(1)]
-        self.envelope: Envelope = envelope(1, *groups, mode=mode, publisher_ids=publisher_ids)
-        self.core = MqttCore(
-            Party(
-                publisher_id=1,
-                seal=self.envelope.seal,
-                token=self.envelope.sending_token,
-                is_secured=mode is not SecurityMode.NONE,
-                names_of=self.publisher.names_of,
-                receive_kept=lambda _datagram, _sender: None,
-                setpoint_groups=(77,),
-            ),
-            TopicTree(publisher_ids=publisher_ids),
-            Outbox(),
-        )
-
-    def send(self, datagrams: list[bytes], address: tuple[str, int] | None = None) -> None:
-        for datagram in datagrams:
-            for part in self.envelope.seal(datagram, self.now):
-                self.core.send(part, datagram, address, self.now, WALL)
-
-    def taken(self) -> list[Outgoing]:
-        """What goes to the broker now, and is acknowledged."""
-        sent = list(self.core.take(self.now))
-        for each in sent:
-            self.core.acknowledged(each.parcel)
-        return sent
-
-    def begin(self) -> list[Outgoing]:
-        self.core.connected(self.now)
-        self.send(self.publisher.begin(now=self.now, wall_ticks=WALL))
-        self.send(self.publisher.announce(TOPIC, "arm", FIELDS, now=self.now, wall_ticks=WALL))
-        self.now += 1.0
-        self.send(self.publisher.poll(self.now, WALL))
-        return self.taken()
 
 
 def test_a_publisher_has_its_announcements_retained_each_at_its_topic() -> None:
@@ -158,6 +111,31 @@ def test_under_a_new_key_everything_that_is_retained_goes_again_first(mode: Secu
     assert {each.topic for each in sent if each.is_retained} == set(first)
 
 
+@pytest.mark.parametrize("mode", [SecurityMode.SIGN, SecurityMode.SIGN_AND_ENCRYPT])
+def test_who_hears_a_publisher_first_takes_what_has_waited_for_the_broker_too(mode: SecurityMode) -> None:
+    """A server that was started anew, and hears by what is kept of a publisher whose values are from before."""
+    speaking = Speaking(mode=mode)
+    speaking.core.connected(speaking.now)
+    speaking.send(speaking.publisher.announce(TOPIC, "arm", FIELDS, now=speaking.now, wall_ticks=WALL))
+    (flying, *_) = list(speaking.core.take(speaking.now))
+    speaking.core.acknowledged(flying.parcel)
+    speaking.core.disconnected()
+    for number in (1.0, 2.0):
+        speaking.send(speaking.publisher.publish(TOPIC, (number, "a"), timestamp=WALL, now=speaking.now))
+    speaking.core.connected(speaking.now)
+    first = list(speaking.core.take(speaking.now))
+    values = [each.payload for each in first if each.topic == TOPIC.name]
+    listener, group = envelope(0, mode=mode), telemetry_group(1)
+    listener.want(group)
+    listener.install(group, group_keys(2, seed=f"0{group}"), speaking.now)
+    assert all(listener.open(each.payload, speaking.now) for each in first if each.payload)
+    assert len(values) == 2
+    # The broker may have had them: who takes them now knows them by their numbers.
+    speaking.core.disconnected()
+    speaking.core.connected(speaking.now)
+    assert [each.payload for each in speaking.core.take(speaking.now) if each.topic == TOPIC.name] == values
+
+
 def test_without_a_key_there_is_no_will_and_nothing_is_sent_unsecured() -> None:
     speaking = Speaking(mode=SecurityMode.SIGN_AND_ENCRYPT)
     speaking.envelope = envelope(1, mode=SecurityMode.SIGN_AND_ENCRYPT)
@@ -174,6 +152,7 @@ def test_without_a_key_there_is_no_will_and_nothing_is_sent_unsecured() -> None:
         Outbox(),
     )
     assert core.will(0.0) is None
+    assert speaking.envelope.problem == "", "the server asks for its will before it has made its keys"
     speaking.envelope.install(telemetry_group(1), group_keys(seed="k"), 0.0)
     will = core.will(0.0)
     assert will is not None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.unit.transport.mqtt.test_broker_core import Speaking
+from tests.unit.transport.mqtt.speaking import Speaking
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.pubsub.publisher_ids import PublisherIds
 from ua_fleet.topics import Topic

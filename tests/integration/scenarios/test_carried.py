@@ -69,7 +69,7 @@ async def test_a_run_goes_from_bridge_to_bridge(plant: Plant) -> None:
 
 async def test_the_server_is_killed_and_a_new_one_shows_the_whole_run(plant: Plant) -> None:
     mutual(plant)
-    slow = THREE.replace("work: one", "work: one, seconds: 3")
+    slow = THREE.replace("work: one", "work: one, seconds: 6")
     plant.scenario("three", slow)
     plant.users()
     server = plant.server_process()
@@ -217,8 +217,8 @@ async def test_a_run_is_paused_at_every_bridge_and_goes_on(plant: Plant) -> None
         assert await run_is(client, run_id, "running") == "running"  # the server may hear of it after the robot's begin
         bridges["right"].process.send_signal(signal.SIGKILL)
         await asyncio.to_thread(bridges["right"].process.wait)
-        # It is refused while the bridge has the token and has not said so yet.
-        await until(lambda: call(client, "Scenarios", "Pause", run_id), lambda called: called.status == 0)
+        called = await call(client, "Scenarios", "Pause", run_id)
+        assert called.status == 0, called.message
         assert await value(client, f"Scenarios.Runs.{run_id}.State") == "paused"
         await until(lambda: reason_of(client, run_id), lambda said: "right_cell" in said, timeout_s=60)
         plant.bridge("right")

@@ -106,6 +106,7 @@ _PAGE_WORDS: Final = frozenset({"facts", "last", "more", "told", "active", "wait
 """What a page has at least; other versions have others."""
 _OF_SEGMENTS: Final = (RunCreated, RunPaused, RunResumed, RunClosing, RunEnded, OutsideTold, StandInTold)
 """Facts of a segment that say nothing of the run: the server notes its own."""
+_PAUSED_IN: Final = (CarriedPhase.OFFERING, CarriedPhase.BEGINNING, CarriedPhase.FOLLOWING)
 _OUTCOMES: Final = {"done": RunOutcome.DONE, "failed": RunOutcome.FAILED, "aborted": RunOutcome.ABORTED}
 _ANSWERS: Final = {has_token: BridgeTold("answers", has_token, "") for has_token in (False, True)}
 """How nearly all bridges stand: one object for all of them, since they are compared at each poll."""
@@ -242,8 +243,10 @@ class CarriedRuns:
     def pause(self, run_id: str, by: str) -> None:
         """Have all bridges begin no further task of a run; each is told until it has acknowledged.
 
+        Those of a run that is being offered, or that the first one has not said to have begun, are told after that.
+
         Raises:
-            ScenarioError: the run has not begun yet, or is to end.
+            ScenarioError: nobody knows whether the run has begun, another bridge goes on with it, or it is to end.
             StorageUnavailable: it cannot be written down, and no bridge is told.
         """
         self._want_pause(run_id, by, is_paused=True)
@@ -254,7 +257,7 @@ class CarriedRuns:
 
     def _want_pause(self, run_id: str, by: str, *, is_paused: bool) -> None:
         run = self._runs[run_id]
-        if run.phase is not CarriedPhase.FOLLOWING or run.closed is not None:
+        if run.phase not in _PAUSED_IN or run.closed is not None:
             raise ScenarioError(f"run {run_id} is {run.phase.value}, and can be paused only while it is under way")
         if run.is_paused != is_paused:
             now = self._wall_s()

@@ -9,7 +9,7 @@ import pytest
 from tests.unit.operation.runs.test_carried import AWAY_S, Carried, page
 from ua_fleet.operation.runs.carried import HEARD_FOLLOW_S
 from ua_fleet.pubsub.carry_action import Word
-from ua_fleet.scenario.facts import StepStarted, encode_fact
+from ua_fleet.scenario.facts import RunPaused, StepStarted, encode_fact
 
 
 @pytest.mark.parametrize("is_heard", [False, True])
@@ -31,6 +31,26 @@ def test_a_bridge_that_is_being_asked_is_told_at_once_that_the_run_is_paused(tmp
         assert (301, Word.PAUSE) in world.asked(0.5)
         world.bridges.does[301, Word.FETCH] = None
         world.go(HEARD_FOLLOW_S + 1)
+    assert not world.mistakes.count, world.mistakes.text()
+
+
+@pytest.mark.parametrize("word", [Word.PART, Word.TOKEN])
+@pytest.mark.parametrize("is_resumed", [False, True])
+def test_a_run_is_paused_before_its_first_bridge_has_said_that_it_has_begun(
+    tmp_path: Path, word: Word, is_resumed: bool
+) -> None:
+    world = Carried(tmp_path)
+    world.bridges.does[300, word] = None
+    run_id = world.offer()
+    world.go(1.0)
+    world.carried.pause(run_id, "anna")
+    if is_resumed:
+        world.carried.resume(run_id, "anna")
+    assert not [one for one in world.asked(1.0) if one[1] is Word.PAUSE], "it is not known there yet"
+    world.bridges.does.clear()
+    told = [space for space, asked in world.asked(5.0) if asked is Word.PAUSE]
+    assert sorted(told) == [300, 301, 302]
+    assert len(world.facts(RunPaused)) == 1
     assert not world.mistakes.count, world.mistakes.text()
 
 

@@ -132,6 +132,7 @@ def check(
     and ROS 2 alike; ROS does not have to run. A type whose package is not installed on this machine is reported, and is
     no problem: the bridge may run elsewhere.
     """
+    from ua_fleet.config.connections import unstartable
     from ua_fleet.config.state_folders import unfit_folders
 
     doubts: list[ConfigError] = []
@@ -158,6 +159,8 @@ def check(
             message(f"ua-fleet: {len(problems)} problem{'s' if many else ''}; {remedy}")
         raise typer.Exit(EXIT_USAGE)
     size = _Size.of(config)
+    for line in unstartable(config):
+        message(line)
     for unfit in unfit_folders(config, file.parent):
         message(f"no backup is possible: {unfit}")
     if as_json:

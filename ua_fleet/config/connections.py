@@ -23,10 +23,12 @@ __all__ = [
     "needs_keys",
     "over_one",
     "takes_actions",
+    "unstartable",
 ]
 
 OF_ALL: Final = ("keep_alive_s", "receive_timeout_s", "repeat_interval_s", "inlet_size", "max_wait_s", "keys")
 """What holds for all connections, and stands in the first one."""
+_MOST_NAMED: Final = 5
 
 
 class FleetOfConnections(FleetConfig, frozen=True):
@@ -86,6 +88,20 @@ def takes_actions(config: FleetConfig, space: int, number: int) -> bool:
     if connection.is_json and not connection.actions:
         return False
     return connection.is_secured or not needs_keys(config, space)
+
+
+def _takes_any(config: FleetConfig, space: int) -> bool:
+    return any(takes_actions(config, space, number) for number in connection_numbers(config, space))
+
+
+def unstartable(config: FleetConfig) -> list[str]:
+    """Which robots have skills that nobody can start, since Actions go over no connection of their bridge; a line."""
+    robots = [
+        name for name, robot in config.robots.items() if robot.skills and not _takes_any(config, config.space_of(name))
+    ]
+    more = f" and {len(robots) - _MOST_NAMED} more" if len(robots) > _MOST_NAMED else ""
+    named = ", ".join(robots[:_MOST_NAMED]) + more
+    return [f"skills of {named} cannot be started: their PubSub is JSON without `actions: true`"] if robots else []
 
 
 def action_routes(config: FleetConfig, space: int) -> Mapping[int, tuple[int, ...]]:

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import structlog
 
+from ua_fleet.config.connections import unstartable
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import weaknesses
 from ua_fleet.endpoint.certificates import CertificateInfo
@@ -115,8 +116,8 @@ class Assembly:
             StorageUnavailable: a file in which the server records something cannot be read.
         """
         config, server = given.config, given.server
-        for weakness in weaknesses(config):
-            _log.warning(weakness)
+        for line in (*weaknesses(config), *unstartable(config)):
+            _log.warning(line)
         self._given, self._config, self._server, self._nodes = given, config, server, given.nodes
         self._mistakes, self._timer = given.monitor.mistakes, Timer()
         self._clock = asyncio.get_running_loop().time

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from ua_fleet.config.applications import bridge_application
+from ua_fleet.config.connections import unstartable
 from ua_fleet.config.load import load_content
 from ua_fleet.config.nodes import data_topics
 from ua_fleet.config.schema import FleetConfig
@@ -134,6 +135,13 @@ def test_each_process_says_in_one_line_that_there_is_no_tls() -> None:
     assert "command robots" not in line
     (line,) = weaknesses(fleet(url="mqtt://broker", actions=True))
     assert "command robots" in line
+
+
+def test_skills_that_nobody_can_start_are_told() -> None:
+    (line,) = unstartable(fleet())
+    assert line == "skills of carrier cannot be started: their PubSub is JSON without `actions: true`"
+    assert not unstartable(fleet(actions=True))
+    assert not unstartable(fleet("none", encoding="uadp"))
 
 
 def test_a_process_has_a_transport_of_json_and_says_so(tmp_path: Path) -> None:

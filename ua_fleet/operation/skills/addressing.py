@@ -96,5 +96,6 @@ def target_of(action: ActionMetaDataAnnouncement, robot: str) -> int:
 def not_announced(topic: Topic) -> NotAnnounced:
     """The error where nobody has announced an Action."""
     return NotAnnounced(
-        f"no bridge announces the Action {topic.name}; check that the bridge of space {topic.space} runs"
+        f"no bridge announces the Action {topic.name}; check that the bridge of space {topic.space} runs, "
+        "and where PubSub is JSON that `actions: true` stands there"
     )

@@ -103,7 +103,9 @@ async def test_with_key_files_that_change(keys: KeyFolder, udp_url: str, process
         assert (shown["event"], shown["security"]["verified"]) == ("data", True)
     assert child.end(2) == 130
     assert not any("Traceback" in line or '"refused"' in line for line in child.lines)
-    assert json.loads(child.lines[-1])["drops"] == {}
+    drops = json.loads(child.lines[-1])["drops"]
+    assert drops.pop("no_metadata", 0) <= 1, "it may have begun to listen between the metadata and the value"
+    assert drops == {}
 
 
 async def test_with_one_key_and_without(keys: KeyFolder, udp_url: str, processes: Processes) -> None:
